@@ -4,13 +4,14 @@
 
 The generalised contact force h of a sample is the derivative by the handle rows of the energy that contact adds, in
 newtons along the coordinates of the handles that are not held in every scene; its sum over the handles is the force on
-the collider. Printed is, of both, for every model and for training, validation and unseen shapes (or states) apart,
+the collider. Printed is, of both, for every model and for training, validation and unseen shapes apart,
 
     sqrt(sum |h - h_truth|^2 / sum |h_truth|^2),
 
 its square, the median over samples of |h - h_truth| / |h_truth|, and its 95th percentile. Where a collider presses a
 rigid frame, the force on it is as large as the penalty has it, and a few such samples outweigh all others: it is
-printed with these samples and without. Shapes or states never seen are printed by depth as well, in three bands. N:
+printed with these samples and without. Shapes never seen are printed by depth as well, in three bands. Without a
+library there are none: models of form force learn from all states. N:
 samples of each side at most, drawn at random; by default all. Samples that are not usable are left out, see
 `softprint inspect TRUTH.h5`.
 """
@@ -44,7 +45,8 @@ BARE = "bare"
 
 
 def sides(truth: TruthData, experiment: Experiment) -> dict[str, BoolArray]:
-    """Masks (n_samples,) of the usable samples: by shape with a library, otherwise by state."""
+    """Masks (n_samples,) of the usable samples: by shape with a library; with one collider all, from which
+    models of form force learn."""
     names = np.array(truth.header.colliders)[truth.contacts["collider"][truth.samples["contact"]]]
     roles = experiment.library_roles
     if experiment.training.collider == "library":
@@ -53,8 +55,7 @@ def sides(truth: TruthData, experiment: Experiment) -> dict[str, BoolArray]:
             side: truth.usable & np.array([roles.get(name, "test") == role for name in names])
             for side, role in of.items()
         }
-    last = truth.sample_state >= len(truth.states) - experiment.training.validation_states
-    return {"training": truth.usable & ~last, "unseen states": truth.usable & last}
+    return {"all": truth.usable}
 
 
 class Model:

@@ -29,7 +29,6 @@ import numpy as np
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
 from softprint.runtime.arrays import Array
 from softprint.runtime.body import load_body
-from softprint.runtime.cli.run_body import body_of_experiment
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.colliders import Box, Collider, Cone, Cylinder, KeyframedPath, Sphere
 from softprint.runtime.contact import PenaltyContact
@@ -38,6 +37,7 @@ from softprint.runtime.experiment import Experiment, load_experiment
 from softprint.runtime.learned.correction import Correction
 from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
+from softprint.runtime.scenes.experiment_body import body_of_experiment
 
 CONTACT_NODES = 3000
 SPEED = 0.02  # m/s

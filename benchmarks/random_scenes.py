@@ -21,6 +21,7 @@ and a longer one adds to it.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import logging
 from collections.abc import Iterator, Sequence
@@ -274,12 +275,20 @@ def _play(number: int) -> dict[str, Any]:
     return vars(_scenes.play(number))
 
 
-def _read(path: Path) -> list[dict[str, Any]]:
-    """The finished scenes; a line that was cut off is not one."""
+def _read(path: Path, made_with: dict[str, Any]) -> list[dict[str, Any]]:
+    """The finished scenes; a line that was cut off is not one, and is removed. Raises SoftprintError where they were
+    played with something else; a new record begins with what it is made with."""
     if not path.is_file():
+        path.write_text(json.dumps(made_with) + "\n")
         return []
-    lines = path.read_text().splitlines()
-    return [vars(Counted(**json.loads(line))) for line in lines if line.endswith("}")]
+    whole = [line for line in path.read_text().splitlines(keepends=True) if line.endswith("}\n")]
+    head = json.loads(whole[0]) if whole else None
+    if head != made_with:
+        raise SoftprintError(
+            f"{path}: its scenes were played with {head}, and these would be with {made_with}: remove it to start again"
+        )
+    path.write_text("".join(whole))
+    return [vars(Counted(**json.loads(line))) for line in whole[1:]]
 
 
 def _table(done: Sequence[dict[str, Any]], reduced: str) -> Iterator[str]:
@@ -331,7 +340,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     run = options.out or Path("runs") / options.experiment.stem
     suffix = "" if options.model == MECHANICS else f"_{options.model}"
     record = run / f"random_scenes{suffix}.jsonl"
-    done = _read(record)
+    text = hashlib.sha256(options.experiment.read_bytes()).hexdigest()
+    body = load_body(run / "body.h5").content_hash
+    done = _read(record, {"seed": options.seed, "model": options.model, "experiment": text, "body": body})
     finished = {scene["scene"] for scene in done}
     missing = (number for number in count() if number not in finished)
     played = sum(scene["steps"] for scene in done)

@@ -17,7 +17,6 @@ from softprint.runtime.shapes.solid import Field, ball, blended, capsule, ellips
 
 FILLET, BOTTOM_ROUNDING = 0.0025, 0.003
 CORE = (((0.0, 0.0, 0.026), (0.0, 0.0, 0.050)), ((0.010, 0.0, 0.072), (0.012, 0.0, 0.090)))
-CORE_RADIUS = 0.015
 
 
 def bunny() -> Field:

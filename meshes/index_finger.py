@@ -26,7 +26,6 @@ from softprint.runtime.shapes.solid import Field, blended, capsule, ellipsoid, m
 FILLET = 0.0015
 JOINTS = np.array([[0.0, 0, 0], [0.022, 0, 0], [0.064, 0, -0.004], [0.090, 0, -0.010], [0.110, 0, -0.018]])
 RADII = (0.0125, 0.0110, 0.0095, 0.0088, 0.0072)
-BONE_RADIUS = 0.0042
 BONES = {
     name: tuple(tuple((start + share * (end - start)).tolist()) for share in (0.15, 0.85))
     for name, start, end in zip(

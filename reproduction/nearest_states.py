@@ -97,8 +97,7 @@ def main() -> None:
         chosen = np.random.default_rng(context.seed).permutation(contact)[: given.frames]
         frames = np.sort(chosen)
         with load_truth(files.truth, body) as truth:
-            last = len(truth.states) - context.experiment.training.validation_states
-            states, away = nearest(comparer, frames, truth.states["rows"][:last])
+            states, away = nearest(comparer, frames, truth.states["rows"])
             rows = []
             for frame, state, distance in zip(map(int, frames), states, away, strict=True):
                 left = errors(comparer, frame, contact)

@@ -8,6 +8,7 @@ uninterrupted one.
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -44,9 +45,13 @@ class Checkpoints:
         return self.correction.with_suffix(f"{words}.checkpoint")
 
     def remove(self) -> None:
-        """Remove those of all parts."""
-        for path in self.correction.parent.glob(f"{self.correction.stem}.*checkpoint"):
-            path.unlink()
+        """Remove those of all parts; not those of models whose names begin with the same words."""
+        own = re.compile(
+            rf"{re.escape(self.correction.stem)}(\.part\.\d+\.of\.\d+|\.all\.samples)?\.checkpoint"
+        )
+        for path in self.correction.parent.glob("*.checkpoint"):
+            if own.fullmatch(path.name):
+                path.unlink(missing_ok=True)
 
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:

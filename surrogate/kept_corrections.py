@@ -18,6 +18,7 @@ from softprint.runtime.learned.correction_file import read_header
 from softprint.runtime.learned.form import find_form
 from softprint.runtime.scenes.corrected_body import internal_path
 from softprint.runtime.scenes.playing import correction_path
+from softprint.runtime.scenes.scene import held_frames
 
 log = logging.getLogger(__name__)
 
@@ -25,6 +26,7 @@ log = logging.getLogger(__name__)
 def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str, out: Path) -> dict[str, object]:
     """Everything that determines the result of training into a run directory."""
     training = experiment.training.model_dump(mode="json", exclude={"models", "internal", "device"})
+    roles = experiment.library_roles
     return {
         "truth": truth_hash,
         "model": spec.model_dump(mode="json"),
@@ -32,6 +34,8 @@ def recipe_of(experiment: Experiment, spec: ModelSpec, truth_hash: str, out: Pat
         "contact_points": [experiment.contact.refinement, experiment.contact.reduced_refinement],
         "gravity": list(experiment.dynamics.gravity),
         "settings": {**training, "seed": experiment.seed},
+        "roles": {name: roles.get(name, "") for name in experiment.sampled_colliders},
+        "held_frames": sorted(held_frames(experiment)),
         **internal_recipe(spec, out),
     }
 

@@ -22,7 +22,7 @@ from softprint.runtime.experiment.schema.training import ModelSpec
 from softprint.runtime.learned.correction_file import save_correction
 from softprint.runtime.learned.form import find_form
 from softprint.runtime.scenes.playing import correction_path
-from softprint.runtime.truth.truth_colliders import require_same_colliders
+from softprint.runtime.truth.truth_colliders import require_same_colliders, require_same_loads
 from softprint.runtime.truth.truth_file import TruthData, load_truth
 from softprint.surrogate.checkpoints import Checkpoints
 from softprint.surrogate.cross_validation import train_crossed, untrained
@@ -52,6 +52,7 @@ def train_models(context: Context, names: Sequence[str] | None) -> None:
     internal = [model for model in training.internal if model.name in wanted]
     body = body_of_run(context)
     with load_truth(context.out_dir / "truth.h5", body) as truth:
+        require_same_loads(truth, context.experiment)
         if internal:
             train_internals(context, internal, body, truth)
         if models:
@@ -73,7 +74,7 @@ def _train_of_contact(
     require_same_colliders(truth, context.experiment)
     data = TrainingData(truth, body, context, mechanics)
     context.say(
-        f"{len(data.split.train)} training samples, {len(data.held_out)} held-out samples; "
+        f"{len(data.split.train)} training samples, {len(data.split.validation)} held-out samples; "
         f"{data.split.left_out} left out (not converged, after a jump, pierced, or with inverted cells); "
         f"label-noise floor {truth.noise_floor:.3g}"
     )

@@ -18,6 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.learned.form import ModelT
 from softprint.surrogate.checkpoints import Checkpoint, load_checkpoint, pack, save_checkpoint, unpack
 from softprint.surrogate.learning_task import HeldOutError, LearningTask
@@ -90,6 +91,11 @@ def train(
             error = task.held_out_error(model)
             loss = float(torch.stack(running).mean())
             running.clear()
+            if not math.isfinite(loss + (error.rms if select else 0.0)):  # without held-out samples there is no error
+                raise SoftprintError(
+                    f"training has diverged: at step {step + 1} the loss is {loss} and the held-out error {error.rms}; "
+                    f"take a smaller learning_rate than {settings.learning_rate:g}"
+                )
             history.append(
                 {"step": step + 1, "loss": loss, "learning_rate": rate, "validation_rms": error.rms}
             )

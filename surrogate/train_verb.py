@@ -31,7 +31,7 @@ def run(options: argparse.Namespace, context: Context) -> int:
 VERB = Verb(
     name="train",
     order=30,
-    summary="Train corrections on the truth file; resumes, and keeps the weights with the lowest held-out error.",
+    summary="Train corrections on the truth file; resumes, and keeps what held-out samples bear out.",
     example="softprint train examples/jelly3d_small.toml",
     run=run,
     configure=configure,

@@ -19,9 +19,6 @@ from softprint.runtime.viewer.session.workshop import Workshop
 from tests.toy_experiment import write_experiment
 
 MODELS = """
-[training.thesis5]
-steps = 50
-validations = 1
 [[training.models]]
 name = "mechanics"
 learned = false
@@ -150,9 +147,6 @@ name = "field"
 form = "thesis5"
 hidden = [8, 8]
 added_to = "own"
-[training.thesis5]
-steps = 20
-validations = 1
 [[training.internal]]
 name = "own"
 equilibrium = true

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,10 @@ from softprint.runtime.body import save_body
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 
+MADE_WITH = {"seed": 0, "model": "mechanics"}
 EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 EXPERIMENT = {2: "jelly2d_star_small", 3: "jelly3d_small"}
 
@@ -57,3 +60,18 @@ def test_a_scene_is_drawn_from_its_number_alone(dim, jelly_body, tmp_path, monke
     assert (first.kind, first.worst) == (again.kind, again.worst)
     assert first.slowest <= first.seconds
     assert first != second
+
+
+def test_a_record_is_of_one_seed_and_model(tmp_path):
+    path = tmp_path / "random_scenes.jsonl"
+    assert random_scenes._read(path, MADE_WITH) == []
+    scene = vars(random_scenes.Counted(scene=0, kind="bare"))
+    with path.open("a") as file:
+        file.write(json.dumps(scene) + "\n")
+        file.write(json.dumps(scene)[:20])  # the process was killed
+    assert random_scenes._read(path, MADE_WITH) == [scene]
+    with path.open("a") as file:
+        file.write(json.dumps(scene) + "\n")
+    assert random_scenes._read(path, MADE_WITH) == [scene, scene]
+    with pytest.raises(SoftprintError, match=r"'seed': 0.*'seed': 1.*remove it to start again"):
+        random_scenes._read(path, MADE_WITH | {"seed": 1})

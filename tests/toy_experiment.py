@@ -32,10 +32,14 @@ frame_clearance = 0.0
 repeat_share = 0.2
 [training]
 steps = 20
+[training.thesis5]
+steps = 50
+validations = 1
 [report]
 frames = 1
 [[training.models]]
 name = "thesis5"
+form = "thesis5"
 encoding = "weighted_rows"
 patch_inputs = false
 hidden = [16, 16]

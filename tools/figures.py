@@ -270,7 +270,7 @@ FIGURES: Mapping[str, Figure] = {
         (
             "python -m benchmarks.motions_alone runs/jelly3d_small/motions/held_out_full.h5 "
             "runs/jelly3d_small/motions/held_out_bare.h5 runs/jelly3d_small/motions/held_out_mechanics.h5 "
-            "runs/jelly3d_small/motions/held_out_ours.h5",
+            "runs/jelly3d_small/motions/held_out_ours.h5 runs/jelly3d_small/motions/held_out_thesis5.h5",
         ),
         (RESULTS,),
         ("demo",),

@@ -40,7 +40,7 @@ case "$RELEASE" in
     debian12) ;;
     debian13) APT_PACKAGES+=(python3-torch) ;;
     *) die "tools/install.sh knows Debian 12 and Debian 13, and this is $RELEASE." \
-           "Elsewhere: install DOLFINx your own way, then pip install '.[train,report,dev]' into its environment." ;;
+           "Elsewhere: install DOLFINx your own way, then pip install '.[truth,report,dev]' into its environment." ;;
 esac
 
 wheels_fingerprint() {

@@ -9,6 +9,7 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 from softprint.runtime.cli.context import Context
+from softprint.runtime.cli.progress import tell_failure
 from softprint.runtime.cli.ranks import end_with_launcher, is_launched
 from softprint.runtime.cli.verb import Verb
 
@@ -74,6 +75,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     context.say(_summary(done, MPI.COMM_WORLD.size, args.ranks_per_solve))
     complaint = _failed_contacts(done)
     if complaint:
+        tell_failure(complaint)
         print(complaint, file=sys.stderr)
     return 1 if complaint else 0
 

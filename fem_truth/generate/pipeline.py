@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import resource
 import shutil
 import time
@@ -28,6 +29,7 @@ from softprint.fem_truth.generate.farm import (
 )
 from softprint.fem_truth.generate.merge import merge_shards
 from softprint.fem_truth.generate.plan_hash import (
+    SAMPLED,
     check_manifest,
     fingerprint,
     has_begun_after,
@@ -119,9 +121,7 @@ def generate(
         with options.stage("planning contacts"):
             work = _contact_work(comm, experiment, problem, states, colliders, size)
 
-        pending = on_first_rank(
-            comm, lambda: [unit for unit in range(len(work.plan)) if not is_whole(_shard(folder, unit))]
-        )
+        pending = on_first_rank(comm, lambda: _without_shards(folder, len(work.plan)))
         n_before = len(work.plan) - len(pending)
         budget = Budget(options.units, None if options.minutes is None else began + 60 * options.minutes)
 
@@ -177,6 +177,14 @@ def _write_truth(
     return len(finished)
 
 
+def _without_shards(folder: Path, planned: int) -> list[int]:
+    """The contacts of which there is no complete shard; a damaged one is removed."""
+    pending = [unit for unit in range(planned) if not is_whole(_shard(folder, unit))]
+    for unit in pending:
+        _shard(folder, unit).unlink(missing_ok=True)
+    return pending
+
+
 def _shard(folder: Path, unit: int) -> Path:
     return folder / f"contact_{unit:06d}.shard"
 
@@ -188,7 +196,9 @@ def _is_complete(truth: Path, folder: Path, made_from: dict[str, str]) -> bool:
         return False
     try:
         with load_truth(truth) as data:
-            before, complete = data.header.made_from, data.complete
+            before, complete = dict(data.header.made_from), data.complete
+            if SAMPLED in made_from:  # older truth files lack it
+                before.setdefault(SAMPLED, json.dumps(data.header.colliders))
     except SoftprintError as error:
         raise SoftprintError(f"{error}; `softprint generate --no-resume` starts again") from error
     refuse_changes(truth, before, made_from)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 MANIFEST = "manifest.json"
 _ABSENT = "(absent)"
 _HASH = " hash"  # suffix of the keys of file contents, which older truth files may lack
+SAMPLED = "sampled colliders"  # a key that they may lack, too
 
 
 def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
@@ -42,6 +43,10 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
     if experiment.contact.refinement:
         flat["depth of a collider"] = "on facets"  # once it was measured at nodes here, too
     flat["body hash"] = body.content_hash
+    if (
+        experiment.library is not None
+    ):  # [library] meshes are patterns: a new file changes the plan, and the roles
+        flat[SAMPLED] = json.dumps(experiment.sampled_colliders)
     for name in experiment.sampled_colliders:
         flat |= sampled_file_hashes(experiment, name)
     for scene in experiment.scenes_of_role("record"):
@@ -82,7 +87,8 @@ def refuse_changes(where: Path, before: Mapping[str, str], present: Mapping[str,
     changes = [
         f"{key}: {before.get(key, _ABSENT)} -> {present.get(key, _ABSENT)}"
         for key in sorted({*before, *present})
-        if before.get(key) != present.get(key) and (key in before or not key.endswith(_HASH))
+        if before.get(key) != present.get(key)
+        and (key in before or not (key.endswith(_HASH) or key == SAMPLED))
     ]
     if changes:
         shown = "; ".join(changes[:6]) + (f"; and {len(changes) - 6} more" if len(changes) > 6 else "")

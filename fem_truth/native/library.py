@@ -6,7 +6,6 @@ from __future__ import annotations
 import ctypes
 import hashlib
 import os
-import platform
 import shlex
 import subprocess
 import sysconfig
@@ -33,7 +32,7 @@ def load_library(source: str, **macros: str | int) -> ctypes.CDLL:
     defines = [f"-D{name}={value}" for name, value in sorted(macros.items())]
     command = [*shlex.split(compiler), *_FLAGS, *defines, str(path)]
     texts = [path.read_text(), *(header.read_text() for header in sorted(_FOLDER.glob("*.h")))]
-    recipe = " ".join([*texts, *command, _processor()])
+    recipe = " ".join([*texts, *command])
     with form_cache() as folder:
         library = folder / f"{path.stem}_{hashlib.sha256(recipe.encode()).hexdigest()[:16]}.so"
         if not library.exists():
@@ -58,12 +57,3 @@ def _compile(command: list[str], library: Path) -> None:
         ) from error
     finally:
         unfinished.unlink(missing_ok=True)
-
-
-def _processor() -> str:
-    """The processor, which determines -march=native: different machines may share a home directory."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return " ".join(sorted({line for line in lines if line.startswith(("model name", "flags", "Features"))}))

@@ -82,7 +82,11 @@ def make_report(context: Context, pictures: bool = True) -> MadeReport:
             model=model,
             folder=folder,
             files=used_paths(files, judged_scenes(experiment)),
-            notes=[*missing_notes(files, experiment), *_scene_notes(scenes)],
+            notes=[
+                *missing_notes(files, experiment),
+                *_model_notes(experiment, model),
+                *_scene_notes(scenes),
+            ],
             shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
         )
         context.say("drawing")
@@ -209,7 +213,10 @@ def _internal_displacements(
 def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider) -> str:
     """Identifies everything besides the frame that determines a full-space solve. The collider is identified by its
     signed distance at points around it, so that a changed mesh file is noticed too."""
-    probes = np.random.default_rng(0).uniform(1.5 * collider.lower, 1.5 * collider.upper, (64, collider.dim))
+    around = np.array([collider.lower, collider.upper])
+    if not np.isfinite(around).all():  # a plane: where the body is
+        around = np.array([body.mesh.points.min(axis=0), body.mesh.points.max(axis=0)])
+    probes = np.random.default_rng(0).uniform(1.5 * around[0], 1.5 * around[1], (64, collider.dim))
     problem = {
         "gravity": experiment.dynamics.gravity,
         "stiffness": experiment.contact.stiffness,
@@ -231,6 +238,15 @@ def _judged_model(experiment: Experiment, files: RunFiles) -> str | None:
     if experiment.report.model in files.trained:
         return experiment.report.model
     return max(files.trained, default=None)
+
+
+def _model_notes(experiment: Experiment, model: str | None) -> list[str]:
+    """Where the headline figures are of another model than the experiment asks for."""
+    asked = experiment.report.model
+    if "model" not in experiment.report.model_fields_set or asked == model:
+        return []
+    told = f"figures are of {model}" if model else "there are no figures of it"
+    return [f"[report] model = {asked!r} is not trained, so headline {told}."]
 
 
 def _scene_notes(scenes: list[JudgedScene]) -> list[str]:

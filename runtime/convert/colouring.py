@@ -28,8 +28,8 @@ class Colouring:
 
 
 def colouring_of(name: str, source: Recorded, colliders: Mapping[str, Collider]) -> Colouring | None:
-    """The colouring of that name; None for "none". Pressure is that of the penalty law at the drawn positions, as in
-    `fields_of`."""
+    """The colouring of that name; None for "none". Pressure is that of the penalty law at the drawn positions; sharp
+    points press along the normals of the drawn surface there."""
     rest = source.rest
     if name == NONE:
         return None

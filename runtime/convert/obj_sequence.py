@@ -60,6 +60,11 @@ def _sequence(out: Path) -> Iterator[Path]:
         try:
             yield folder
             new = sorted(folder.iterdir())
+            for path in (out.parent / path.name for path in new):
+                if path.is_file() and not is_ours(path):
+                    raise SoftprintError(
+                        f"{path}: a file of another program is where a frame of {out.name} goes"
+                    )
             for path in new:
                 os.replace(path, out.parent / path.name)
             for name in set(_numbered(out)) - {path.name for path in new}:

@@ -16,9 +16,7 @@ from numpy.typing import ArrayLike
 from softprint.runtime.body import (
     ReducedBody,
     assemble_body,
-    build_body,
     frame_in_box,
-    load_body,
     place_handles,
 )
 from softprint.runtime.colliders import Collider
@@ -38,6 +36,7 @@ from softprint.runtime.experiment import Experiment, load_experiment
 from softprint.runtime.learned.correction import ContactCorrection, Correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 from softprint.runtime.mesh import Mesh, box_mesh
+from softprint.runtime.scenes.experiment_body import body_of_experiment, load_body_of
 from softprint.runtime.touch.tactile_camera import TactileCamera
 
 INDENTER = "indenter"
@@ -180,7 +179,7 @@ def coarse_pad() -> ReducedBody:
 
 def _body(spec: Experiment, folder: Path) -> ReducedBody:
     path = folder / "body.h5"
-    return load_body(path) if path.is_file() else build_body(spec.body, spec.base_dir, spec.seed, spec.dim)
+    return load_body_of(spec, path) if path.is_file() else body_of_experiment(spec)
 
 
 def _model(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -41,7 +42,10 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> Experime
         raise_problems(path, problems_of(error, Experiment, data))
         raise
     experiment._path = path
-    experiment._text = text + "".join(f"\n# --set {override}" for override in overrides)
+    # A comment of the file must not be taken for an override (`stored_text.py`).
+    experiment._text = re.sub(r"(?m)^# --set ", "#  --set ", text) + "".join(
+        f"\n# --set {override}" for override in overrides
+    )
     raise_problems(path, inconsistencies(experiment))
     return experiment
 

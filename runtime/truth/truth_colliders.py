@@ -1,4 +1,4 @@
-"""Check that the colliders of an experiment are those that a truth file was made with."""
+"""Check that colliders, contact and gravity of an experiment are those that a truth file was made with."""
 
 from __future__ import annotations
 
@@ -74,5 +74,26 @@ def require_same_colliders(truth: TruthData, experiment: Experiment) -> None:
     if changed:
         raise SoftprintError(
             f"{truth.path}: was made with other colliders than the experiment's ({'; '.join(changed[:4])}): undo the "
+            "change, or make the truth again with `softprint generate --no-resume`"
+        )
+
+
+def require_same_loads(truth: TruthData, experiment: Experiment) -> None:
+    """Raise SoftprintError if the truth was solved with another contact law or another gravity than the experiment has
+    now: its labels would be learned under those."""
+    present = {
+        "contact.stiffness": experiment.contact.stiffness,
+        "contact.refinement": experiment.contact.refinement,
+        "dynamics.gravity": list(experiment.dynamics.gravity),
+    }
+    before = truth.header.made_from
+    changed = [
+        f"{key}: {before[key]} -> {json.dumps(now)}"
+        for key, now in present.items()
+        if key in before and json.loads(before[key]) != now
+    ]
+    if changed:
+        raise SoftprintError(
+            f"{truth.path}: was solved under other loads than the experiment's ({'; '.join(changed)}): undo the "
             "change, or make the truth again with `softprint generate --no-resume`"
         )

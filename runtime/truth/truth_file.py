@@ -246,7 +246,7 @@ class TruthData:
             self.content_hash = read_text(attrs, "content_hash")
             self.provenance: dict[str, str] = json.loads(attrs["provenance"])
             self._check_tables(file)
-            self._check_body(file, body)
+            self._check_body(body)
             self.states, self.refused, self.contacts, self.samples, self.repeat = (
                 Table(file[name], name) for name in TABLES
             )
@@ -274,7 +274,7 @@ class TruthData:
                     f"{self.path}: columns of {name!r} differ in length ({lengths}): make it again"
                 )
 
-    def _check_body(self, file: h5py.File, body: ReducedBody | None) -> None:
+    def _check_body(self, body: ReducedBody | None) -> None:
         if body is not None and body.content_hash != self.header.body_hash:
             raise SoftprintError(
                 f"{self.path}: made for another body (hash {self.header.body_hash[:12]}) than {body.name!r} "

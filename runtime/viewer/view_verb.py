@@ -41,8 +41,8 @@ def configure(parser: argparse.ArgumentParser) -> None:
         "--model",
         action="append",
         metavar="NAME",
-        help="bare, or a trained correction; given twice, both play side by side (default: the first of ours, "
-        "mechanics, bare that there is)",
+        help="bare, condensed, or a trained correction; given twice, both play side by side (default: the first of "
+        "ours, mechanics, bare that there is)",
     )
     parser.add_argument(
         "--colliders",

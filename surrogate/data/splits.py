@@ -30,8 +30,8 @@ class Split:
 
 
 def split_by_state(truth: TruthData, collider: str, validation_states: int) -> Split:
-    """Hold out the last `validation_states` states (states are in farthest-point order). Uses samples of `collider`
-    only."""
+    """Hold out the last `validation_states` states (states are in farthest-point order), or none if that leaves no
+    state to learn from. Uses samples of `collider` only."""
     ours = _of_colliders(truth, [collider])
     usable = truth.usable & ours
     held_out = _in_last_states(truth, usable, validation_states)
@@ -87,11 +87,8 @@ def _of_colliders(truth: TruthData, colliders: Sequence[str]) -> BoolArray:
 
 
 def _in_last_states(truth: TruthData, usable: BoolArray, validation_states: int) -> BoolArray:
-    """Mask of the samples at the last `validation_states` states with usable samples."""
+    """Mask of the samples at the last `validation_states` states with usable samples; of none, if that leaves no state
+    to learn from."""
     states = np.unique(truth.sample_state[usable])
-    if len(states) <= validation_states:
-        raise SoftprintError(
-            f"{truth.path}: has usable samples at {len(states)} states; holding out {validation_states} for "
-            f"validation (training.validation_states) leaves none for training"
-        )
-    return np.asarray(np.isin(truth.sample_state, states[len(states) - validation_states :]))
+    last = states[len(states) - validation_states :] if len(states) > validation_states else states[:0]
+    return np.asarray(np.isin(truth.sample_state, last))

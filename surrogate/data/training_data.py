@@ -53,11 +53,22 @@ class TrainingData:
         else:
             self.split = split_by_state(truth, spec.collider, spec.validation_states)
             self.collider = spec.collider
-        held_out = np.random.default_rng(context.seed).permutation(self.split.validation)
-        self.held_out = np.sort(held_out[: spec.validation_samples])
         self.device = training_device(spec.device)
         self._colliders: dict[str, Collider] = {}
         self._read: dict[Hashable, object] = {}
+
+    @property
+    def held_out(self) -> IntArray:
+        """Rows of the truth file on which errors are measured while training. Raises SoftprintError without any."""
+        validation, most = self.split.validation, self.spec.validation_states
+        if not len(validation):
+            count = len(np.unique(self.truth.sample_state[self.split.whole]))
+            raise SoftprintError(
+                f"{self.truth.path}: has usable samples at {count} states; holding out {most} for validation "
+                "(training.validation_states) leaves none for training"
+            )
+        drawn = np.random.default_rng(self.context.seed).permutation(validation)
+        return np.sort(drawn[: self.spec.validation_samples])
 
     def once(self, key: Hashable, read: Callable[[], Read]) -> Read:
         """The result of `read`, called at first use and cached under the key for later models."""

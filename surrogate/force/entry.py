@@ -37,10 +37,11 @@ from softprint.surrogate.form import TrainingForm
 
 
 def task(data: TrainingData, spec: ModelSpec) -> ForceTask:
-    """The training task of a [[training.models]] table, on training and validation samples."""
-    own, notes = _options(data, spec)
+    """The training task of a [[training.models]] table, on training and validation samples. Contact has the energy of
+    linear mechanics: a learned one, which hardly changes displacements, is learned from all samples."""
+    own = options(spec, data.body, PenaltyContact.of(data.context.experiment.contact))
     training, validation = _read(data, spec, own, data.split.train, data.held_out)
-    return ForceTask.of(own, metric(data, spec), training, validation, data.body.n_rows, notes)
+    return ForceTask.of(own, metric(data, spec), training, validation, data.body.n_rows)
 
 
 def crossed(data: TrainingData, spec: ModelSpec) -> CrossedForceTask:

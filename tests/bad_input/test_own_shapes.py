@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from softprint.runtime.cli.progress import FOLLOWED
+from softprint.runtime.cli.run_steps import why_failed
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.colliders.kinds.mesh import MeshSpec
 from softprint.runtime.colliders.kinds.polygon import PolygonSpec
@@ -60,7 +62,8 @@ def test_one_length_is_enough():
         MeshSpec(name="b", shape="mesh", file="b.stl", scale=0.1, size=0.02)
 
 
-def test_a_collider_beside_its_origin_is_named_as_the_reason(experiment, softprint_here):
+def test_a_collider_beside_its_origin_is_named_as_the_reason(experiment, softprint_here, tmp_path, monkeypatch):
+    monkeypatch.setenv(FOLLOWED, str(tmp_path / "told"))
     # The scene that records states puts the ball, not its origin, above the block.
     text = experiment.read_text().replace("[0.0, 0.0, 0.085]", "[-0.1, 0.0, 0.085]")
     experiment.write_text(text.replace("[0.01, 0.0, 0.072]", "[-0.09, 0.0, 0.072]"))
@@ -70,6 +73,7 @@ def test_a_collider_beside_its_origin_is_named_as_the_reason(experiment, softpri
     assert " of 10 contacts" in said
     assert "0.1 m away" in said
     assert "`centre = true`" in said
+    assert why_failed((tmp_path / "told").read_text()) == said  # to `softprint run`, too
 
 
 def test_its_middle_is_moved_on_request(experiment, softprint_here):

@@ -34,8 +34,9 @@ def compiler(cache: Path) -> subprocess.Popen[str]:
     )
 
 
-def test_killed_while_compiling(tmp_path):
-    folder = tmp_path / "softprint" / "forms"
+def test_killed_while_compiling(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    folder = cache_folder()
     killed = compiler(tmp_path)
     deadline = time.monotonic() + 60
     while not list(folder.glob("libffcx_forms*.c")):

@@ -325,6 +325,10 @@ def test_a_part_is_useful_and_damaged_shards_are_made_again(experiment: Path, re
     altered[-50] ^= 1
     shards[1].write_bytes(altered)
     shards[2].write_bytes(b"")
+    # A run that does not come to them leaves them out.
+    assert generate(experiment, "--out", out, "--units", "0").returncode == 0
+    with load_truth(out / "truth.h5") as truth:
+        assert len(truth.contacts) == 8 - 3
     assert generate(experiment, "--out", out).returncode == 0
     assert content(out) == content(reference)
 

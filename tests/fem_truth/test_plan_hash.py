@@ -80,3 +80,16 @@ def test_a_shape_with_another_formula_is_another_truth(tmp_path, monkeypatch):
     )
     assert fingerprint(experiment, BODY) == before
     refuse_changes(tmp_path, {key: text for key, text in before.items() if "formulas" not in key}, after)
+
+
+def test_a_new_file_of_a_pattern_is_another_truth(tmp_path):
+    """It changes which contact is of which shape, and what the shapes are for."""
+    path = write_library_experiment(tmp_path)
+    overrides = ["library={size=0.03, meshes=['own/*.stl']}"]
+    (tmp_path / "own").mkdir()
+    for name in ("a", "c", "d", "e", "f"):
+        (tmp_path / "own" / f"{name}.stl").write_bytes((tmp_path / "ball.stl").read_bytes())
+    before = fingerprint(load_experiment(path, overrides), BODY)
+    (tmp_path / "own" / "b.stl").write_bytes((tmp_path / "ball.stl").read_bytes())
+    with pytest.raises(SoftprintError, match=r'sampled colliders: \["a", "c", .* -> \["a", "b", "c"'):
+        refuse_changes(tmp_path, before, fingerprint(load_experiment(path, overrides), BODY))

@@ -7,13 +7,14 @@ import pytest
 
 from softprint.runtime.cli.context import Context
 from softprint.runtime.contact.penalty import PenaltyContact
+from softprint.runtime.experiment import load_experiment
 from softprint.runtime.learned.correction_file import read_header, save_correction
 from softprint.runtime.learned.force.entry import options
 from softprint.runtime.learned.force.model import ForceModel
 from softprint.runtime.learned.thesis5.model import ContactCentricModel, ContactCentricOptions
 from softprint.runtime.scenes.playing import correction_path
 from softprint.surrogate.kept_corrections import is_trained, kept_header, program_hash, recipe_of
-from tests.toy_experiment import write_experiment
+from tests.toy_experiment import write_experiment, write_library_experiment
 
 RECIPE = {"truth": "abc", "settings": {"seed": 7}}
 
@@ -52,6 +53,24 @@ def test_a_correction_of_another_program_is_kept_with_a_warning(trained, caplog)
 def test_a_correction_of_another_recipe_is_not_kept(trained):
     path = trained(program_hash())
     assert kept_header(path, {**RECIPE, "truth": "other"}, read_header) is None
+
+
+def test_what_shapes_are_for_is_part_of_the_recipe(tmp_path):
+    """A shape that was learned from and is to judge now makes another correction; so does a frame that is let go."""
+    path = write_library_experiment(tmp_path)
+
+    def recipe(*overrides):
+        experiment = load_experiment(path, overrides)
+        spec = next(model for model in experiment.training.models if model.name == "ours")
+        return recipe_of(experiment, spec, "abc", tmp_path)
+
+    (tmp_path / "own").mkdir()
+    for name in "abc":
+        (tmp_path / "own" / f"{name}.stl").write_bytes((tmp_path / "ball.stl").read_bytes())
+    table = "library={{size=0.03, meshes=['own/*.stl'], validation=['own/{}.stl'], test=['own/{}.stl']}}"
+    assert recipe(table.format("a", "b")) == recipe(table.format("a", "b"))
+    assert recipe(table.format("a", "b")) != recipe(table.format("b", "a"))
+    assert recipe() != recipe("scenes.press.kinematic=[]")
 
 
 def test_a_correction_with_other_mechanics_is_not_kept(tmp_path, jelly2d_body, caplog):

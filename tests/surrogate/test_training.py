@@ -28,7 +28,7 @@ from softprint.runtime.learned.thesis6.model import DescriptorModelOptions
 from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.truth.truth_file import TruthData, TruthHeader, create_truth, load_truth
 from softprint.runtime.truth.truth_schema import TABLES
-from softprint.surrogate.checkpoints import Checkpoint, load_checkpoint, save_checkpoint
+from softprint.surrogate.checkpoints import Checkpoint, Checkpoints, load_checkpoint, save_checkpoint
 from softprint.surrogate.cross_validation import train_crossed, untrained
 from softprint.surrogate.data.folds import folds_of
 from softprint.surrogate.data.splits import split_by_state
@@ -169,8 +169,9 @@ def test_split_holds_out_states_and_counts_what_is_left_out(truth):
     assert set(truth.sample_state[split.validation]) == {2}
     assert split.left_out == 2
     assert not {3, 11} & {*split.train.tolist(), *split.validation.tolist()}
-    with pytest.raises(SoftprintError, match="leaves none for training"):
-        split_by_state(truth, "ball", STATES)
+    few = split_by_state(truth, "ball", STATES)  # holding out all would leave none to learn from
+    assert set(truth.sample_state[few.train]) == {0, 1, 2}
+    assert not len(few.validation)
     with pytest.raises(SoftprintError, match="no samples of collider 'cube'"):
         split_by_state(truth, "cube", 1)
 
@@ -570,6 +571,25 @@ def test_resumed_equals_uninterrupted(form, truth, jelly2d_body, mechanics, tmp_
     # A checkpoint of another run is ignored: this one starts from the beginning.
     other = train(task(), TrainingSettings(4, 4, 5e-3, 1e-3, 1, 7), path)
     assert [entry["step"] for entry in other.history] == [4]
+
+
+def test_checkpoints_of_other_models_are_not_removed(tmp_path):
+    """Also of those whose names begin with the same word."""
+    mine, other = (Checkpoints(tmp_path / f"{name}.safetensors") for name in ("ours", "ours.v2"))
+    for part in ("", "part 1 of 4", "all samples"):
+        mine.path(part).touch()
+        other.path(part).touch()
+    kept = {other.path(part) for part in ("", "part 1 of 4", "all samples")}
+    mine.remove()
+    assert set(tmp_path.iterdir()) == kept
+
+
+def test_a_training_that_diverges_is_an_error(truth, jelly2d_body):
+    """Not a correction of the weights that it began with, or of none."""
+    task = thesis5_task(truth, jelly2d_body)
+    settings = TrainingSettings(4, 8, 1e30, 0.0, 4, 0)
+    with pytest.raises(SoftprintError, match=r"has diverged: at step \d the loss is .*smaller learning_rate"):
+        train(task, settings)
 
 
 def test_damaged_checkpoints_are_refused(tmp_path):

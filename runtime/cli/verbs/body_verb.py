@@ -18,13 +18,13 @@ log = logging.getLogger(__name__)
 
 def run(options: argparse.Namespace, context: Context) -> int:
     """Build body.h5 in the run directory, unless it exists and was made from the same table, mesh and seed."""
-    from softprint.runtime.body import body_recipe, save_body
-    from softprint.runtime.cli.run_body import body_of_experiment
+    from softprint.runtime.body import save_body
+    from softprint.runtime.scenes.experiment_body import body_of_experiment, recipe_of_experiment
 
     if context.rank > 0:
         return 0
     experiment, path = context.experiment, context.out_dir / "body.h5"
-    recipe = body_recipe(experiment.body, experiment.base_dir, experiment.seed)
+    recipe = recipe_of_experiment(experiment)
     body = _kept_body(path, recipe) if context.resume else None
     if body is not None:
         context.say(f"{path} is up to date.")
@@ -67,7 +67,10 @@ def describe(body: ReducedBody) -> list[tuple[str, str]]:
             f"{len(mesh.surface_nodes):,} nodes, {len(body.surface.nodes):,} contact points at run time",
         ),
         ("handles", f"{body.handles.n_points} points; frames: {frames}"),
-        ("basis", f"{body.subspace.replace('_', ' ')}, {body.n_rows} rows, {body.n_dofs} minimal coordinates"),
+        (
+            "basis",
+            f"{body.subspace.replace('_', ' ')}, {body.n_rows} rows, {body.n_dofs} minimal coordinates",
+        ),
         ("material", f"{body.material.model}, Young's modulus {stiffness} Pa"),
         ("mass", f"{body.node_mass.sum():.4g} {unit}"),
         (

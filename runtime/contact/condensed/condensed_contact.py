@@ -96,7 +96,7 @@ class CondensedContact:
             owner = owners(body, compliance.nodes)
             corners = np.unique(bearing_facets(body.mesh.facets, owner))
             points = ContactPoints.of(body, loaded, mechanics.condensation, corners, scale, internal)
-            sharp = SharpSearch(body, known, law, owner, of_nodes, points, corners)
+            sharp = SharpSearch(body, known, owner, of_nodes, points, corners)
             stiffness = np.concatenate([stiffness, law.stiffness * sharp.areas])
         else:
             points = ContactPoints.of(body, loaded, mechanics.condensation, None, scale, internal)

@@ -135,7 +135,6 @@ class SharpSearch:
         self,
         body: ReducedBody,
         colliders: Sequence[SharpCollider],
-        law: PenaltyContact,
         owner: IntArray,
         compliance: LocalCompliance,
         points: ContactPoints,

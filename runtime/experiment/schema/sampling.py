@@ -70,7 +70,11 @@ class SamplingSpec(Section):
     solver: SolverSpec = SolverSpec()
 
     @model_validator(mode="after")
-    def _move_of_forces(self) -> Self:
+    def _options_of_others(self) -> Self:
         if self.longest_move is not None and self.record_with != "forces":
             raise ValueError('longest_move is of states with record_with = "forces": leave it out')
+        if self.disturbance is not None and not self.disturbed:
+            raise ValueError(
+                "disturbance is of disturbed states: say how many with disturbed, or leave it out"
+            )
         return self

@@ -18,9 +18,21 @@ else:
 _RESERVED = ("full", "bare", "condensed", "linear_response", "truth", "statics")
 
 
+# The forms that a key of [[training.models]] is for; all others are for every form.
+_FORMS_OF = {
+    **dict.fromkeys(("contact_nodes", "band", "static_condensation", "learned"), ("force",)),
+    **dict.fromkeys(("components", "parameters", "target"), ("thesis4",)),
+    **dict.fromkeys(("encoding", "patch_inputs"), ("thesis5",)),
+    **dict.fromkeys(("differences", "samples"), ("thesis6",)),
+    "fade": ("thesis4", "thesis5"),
+}
+
+
 def _not_reserved(name: str) -> str:
     if name in _RESERVED:
-        raise ValueError(f"{name!r} is what simulations or reports call a model of their own: choose another name")
+        raise ValueError(
+            f"{name!r} is what simulations or reports call a model of their own: choose another name"
+        )
     return name
 
 
@@ -94,6 +106,13 @@ class ModelSpec(Section):
         "all",
         description="form thesis6: points of the descriptor; half: those facing the collider, one: the centre",
     )
+
+    @model_validator(mode="after")
+    def _keys_of_the_form(self) -> Self:
+        foreign = sorted(key for key in self.model_fields_set if self.form not in _FORMS_OF.get(key, FORMS))
+        if foreign:
+            raise ValueError(f'form = "{self.form}" has no {", ".join(foreign)}: leave it out')
+        return self
 
 
 class InternalSpec(Section):
@@ -218,10 +237,11 @@ class TrainingSpec(Section):
         0.3, description="weight of the surface-edge term relative to the volume term"
     )
     validation_states: Count = Field(
-        1, description="states held out to choose by; form force holds them out for its energy alone"
+        1,
+        description="states held out to choose the weights of the other forms by; form force learns from all",
     )
     validations: Count = Field(20, description="number of times that a run measures the held-out error")
-    validation_samples: Count = Field(200, description="limit of held-out samples, chosen evenly")
+    validation_samples: Count = Field(200, description="limit of held-out samples, drawn at random")
     device: Literal["cpu", "cuda"] = Field("cpu", description="device on which the networks are trained")
     thesis4: Thesis4TrainingSpec = Thesis4TrainingSpec()
     thesis5: Thesis5TrainingSpec = Thesis5TrainingSpec()

@@ -21,8 +21,9 @@ class Clock:
         self._due = time.monotonic()
         self._taken: deque[tuple[float, float]] = deque()
 
-    def wait(self, speed: float) -> float:
-        """Seconds until the next step is due at a speed of time; 0 if it is."""
+    @property
+    def wait(self) -> float:
+        """Seconds until the next step is due; 0 if it is."""
         return max(0.0, self._due - time.monotonic())
 
     def stepped(self, cost: float, speed: float) -> None:

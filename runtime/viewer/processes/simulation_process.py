@@ -156,7 +156,7 @@ class _Loop:
         try:
             while not session.ended:
                 self._listen()
-                if session.running and not self.clock.wait(session.pace.speed):
+                if session.running and not self.clock.wait:
                     self._step()
                 elif not session.running:
                     self.clock.rest()
@@ -175,7 +175,7 @@ class _Loop:
     def _listen(self) -> None:
         """Take all commands; wait for one while there is nothing else to do."""
         session = self.session
-        wait = self.clock.wait(session.pace.speed) if session.running else _IDLE
+        wait = self.clock.wait if session.running else _IDLE
         try:
             while self.window.poll(wait):
                 session.handle(self.window.recv())

@@ -115,6 +115,23 @@ def test_report_of_a_toy_run(toy, monkeypatch):
     assert "<img" not in made.page.read_text()
 
 
+def test_a_plane_can_be_what_a_scene_presses_with(tmp_path):
+    """It has no bounds."""
+    write_mesh(tmp_path / "block.vtu", box_mesh([-0.05, 0.0], [0.05, 0.06], [15, 9]))
+    text = EXPERIMENT.replace('shape = "circle"\nradius = 0.02', 'shape = "plane"\nnormal = [0, -1]')
+    text = text.replace("[[colliders]]", '[sampling]\ncollider = "tip"\n[[colliders]]', 1)
+    text += '[[colliders]]\nname = "tip"\nshape = "circle"\nradius = 0.02\n'
+    (tmp_path / "toy.toml").write_text(text.replace("0.085]", "0.062]").replace("0.073]", "0.058]"))
+    context = context_of(tmp_path, tmp_path / "run", "report.model='gone'")
+    body = build_body(context.experiment.body, context.experiment.base_dir, context.experiment.seed)
+    save_body(tmp_path / "run" / "body.h5", body)
+    for model in ("bare", "full"):
+        simulate_scene(context, body, context.experiment.scenes[0], model)
+    summary = json.loads(make_report(context, pictures=False).numbers.read_text())
+    assert 0.0 < summary["scenes"][0]["errors_solved"]["statics"]["relative_rms"] < 1.0
+    assert [note for note in summary["notes"] if "[report] model = 'gone' is not trained" in note]
+
+
 def test_a_report_is_kept_until_something_that_it_is_made_from_changes(toy, tmp_path):
     run = copy_of_run(toy, tmp_path)
 

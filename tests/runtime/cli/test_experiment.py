@@ -12,6 +12,7 @@ from softprint.runtime.experiment import Experiment, load_experiment
 from softprint.runtime.experiment.describe import described_keys
 from softprint.runtime.experiment.renamed import KEYS, VALUES
 from softprint.runtime.experiment.schema.scene import KinematicSpec
+from softprint.runtime.experiment.stored_text import contact_table
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*.toml"))
 
@@ -98,6 +99,14 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
     assert "# --set experiment.seed=11" in experiment.text
 
 
+def test_a_comment_is_no_override(file):
+    """What a file was made from is read from the text that it keeps."""
+    file.write_text(GOOD + "\n# --set contact.stiffness=1e5 makes it softer\n")
+    kept = load_experiment(file, ["contact.friction=0.2"])
+    table = contact_table(kept.text, file)
+    assert (table.stiffness, table.friction) == (kept.contact.stiffness, 0.2)
+
+
 @pytest.mark.parametrize(
     ("override", "words"),
     [
@@ -121,6 +130,12 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
             "body.mesh='gone.vtu'",
             ["[body.mesh]", "does not exist", "gone.vtu", "relative to the experiment file"],
         ),
+        ("sampling.disturbance=0.02", ["[sampling]", "disturbed", "leave it out"]),
+        (
+            "training.models=[{name='one', form='thesis6', learned=false, components=3}]",
+            ["[training.models[0]]", 'form = "thesis6" has no components, learned'],
+        ),
+        ("training.models=[{name='one', fade='proportional'}]", ['form = "force" has no fade']),
         ("dynamics.gravity=[0, -9.81]", ["dynamics.gravity has 2", "2D", "[scenes[0].springs[0].target]"]),
         ("body.handles.frames.base.box=[[0, 0, 0], [1, 1, 0]]", ["[body.handles.frames[0].box]", "is empty"]),
         ("sampling.region=[[0, 0, 0], [1, 1, 0]]", ["[sampling.region]", "is empty"]),

@@ -90,3 +90,10 @@ def test_frames_of_a_longer_sequence_do_not_stay(motion, tmp_path):
         "press_0002_old.obj",
         "press_0042.obj",  # of another program
     ]
+
+
+def test_no_frame_takes_the_place_of_a_file_of_another_program(motion, tmp_path):
+    (tmp_path / "press_0002.obj").write_text("v 0 0 0\n")
+    with pytest.raises(SoftprintError, match=r"press_0002\.obj: a file of another program is where a frame"):
+        convert_motion(motion, tmp_path / "press.obj", Sampling(every=2))
+    assert [path.name for path in tmp_path.iterdir()] == ["press_0002.obj"]

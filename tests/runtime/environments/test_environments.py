@@ -11,6 +11,7 @@ import softprint
 from softprint.runtime.environments import FindEdgeEnv, PressToForceEnv
 from softprint.runtime.environments.find_edge import rectangle_distance
 from softprint.runtime.environments.scripted import find_edge, nearest_edge, press_to_force
+from tests.toy_experiment import write_experiment
 
 SIZES = {"markers": (6, 5), "image": (48, 36)}
 
@@ -161,6 +162,17 @@ def test_arguments_that_make_no_sense_are_refused(tmp_path, monkeypatch) -> None
     ):
         with pytest.raises(softprint.SoftprintError, match=words):
             PressToForceEnv(**keys)
+
+
+def test_a_pad_of_another_experiment_is_refused(tmp_path) -> None:
+    """Its body would be pressed under the contact and the dynamics of this one."""
+    path = write_experiment(tmp_path, 3)
+    experiment = softprint.load_experiment(path)
+    body = softprint.build_body(experiment.body, experiment.base_dir, experiment.seed)
+    softprint.save_body(tmp_path / "run" / "body.h5", body)
+    path.write_text(path.read_text().replace("young = 2e4", "young = 3e4"))
+    with pytest.raises(softprint.SoftprintError, match="its material differs"):
+        PressToForceEnv(experiment=str(path), run=str(tmp_path / "run"), model="bare")
 
 
 def test_the_outline_of_the_block() -> None:

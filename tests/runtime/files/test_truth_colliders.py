@@ -16,6 +16,7 @@ from softprint.runtime.truth.truth_colliders import (
     FORMULAS,
     flat_table,
     require_same_colliders,
+    require_same_loads,
     sampled_file_hashes,
 )
 from tests.toy_experiment import write_experiment, write_library_experiment
@@ -76,3 +77,23 @@ def test_an_imported_truth_has_no_collider(tmp_path):
     experiment = load_experiment(write_experiment(tmp_path, 3))
     header = SimpleNamespace(colliders=("ball", "another"), made_from={"published q and z": "0123"})
     require_same_colliders(SimpleNamespace(path=Path("truth.h5"), header=header), experiment)
+
+
+def test_labels_of_other_loads_are_refused(tmp_path):
+    path = write_experiment(tmp_path, 3)
+    tables = load_experiment(path).model_dump(mode="json", include={"contact", "dynamics"})
+    truth = SimpleNamespace(path=Path("truth.h5"), header=SimpleNamespace(made_from=flat_table(tables, "")))
+    # Friction and the time step are of motions.
+    require_same_loads(truth, load_experiment(path, ["contact.friction=0.5", "dynamics.time_step=0.01"]))
+    for change, words in (
+        ("contact.stiffness=2e10", r"contact.stiffness: 10000000000.0 -> 20000000000.0"),
+        ("contact.refinement=0", r"contact.refinement: 2 -> 0"),
+        ("dynamics.gravity=[0, 0, 0]", r"dynamics.gravity: .* -> \[0"),
+    ):
+        with pytest.raises(SoftprintError, match=words):
+            require_same_loads(truth, load_experiment(path, [change]))
+    # As in data sets that were imported.
+    require_same_loads(
+        SimpleNamespace(path=truth.path, header=SimpleNamespace(made_from={})),
+        load_experiment(path, ["contact.stiffness=2e10"]),
+    )
