@@ -143,12 +143,21 @@ def energy_of(
         SharedContacts(contacts, data.truth, workers_for(data.truth, samples)) as shared,
     ):
         learned, errors = learn_energy(shared, samples, folds, bar.update)
-    told = (f"{kind} {errors.mechanics[kind]:.1%} -> {errors.learned[kind]:.1%}" for kind in LABELS)
-    what = "learned" if errors.converged else f"learned, not converged in {ITERATIONS} iterations"
+    data.context.say(told(learned, errors, contacts.n_states(samples)))
+    return learned, errors
+
+
+def told(learned: LearnedEnergy | None, errors: EnergyErrors, n_states: int) -> str:
+    """What training says of an energy from samples of so many states."""
+    what = "learned"
+    if n_states == 1:
+        what += " from one state, and not known to hold where the body is strained otherwise"
+    if not errors.converged:
+        what += f", not converged in {ITERATIONS} iterations"
     if learned is None:
         what = "that of linear mechanics, than which nothing learned is significantly better"
-    data.context.say(f"energy of contact: {what}; errors on held-out samples: {', '.join(told)}")
-    return learned, errors
+    kinds = (f"{kind} {errors.mechanics[kind]:.1%} -> {errors.learned[kind]:.1%}" for kind in LABELS)
+    return f"energy of contact: {what}; errors on held-out samples: {', '.join(kinds)}"
 
 
 def drawn(samples: IntArray, seed: int, most: int = SAMPLES) -> IntArray:

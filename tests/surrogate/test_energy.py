@@ -14,7 +14,7 @@ from softprint.runtime.mechanics.body_mechanics import compute_mechanics
 from softprint.runtime.truth.truth_file import TruthHeader, create_truth, load_truth
 from softprint.runtime.truth.truth_schema import TABLES
 from softprint.surrogate.data.folds import Fold
-from softprint.surrogate.force.energy import ITERATIONS, learn_energy
+from softprint.surrogate.force.energy import ITERATIONS, EnergyErrors, learn_energy, told
 from softprint.surrogate.force.energy_gain import Gain
 from softprint.surrogate.force.sampled_contacts import (
     LABELS,
@@ -276,6 +276,17 @@ def test_an_energy_that_has_not_converged_says_so(monkeypatch):
     monkeypatch.setattr("softprint.surrogate.force.energy.ITERATIONS", 1)
     learned, errors = learn_energy(contacts, np.arange(n), halves(n), ignore)
     assert not errors.converged
+
+
+def test_training_says_what_an_energy_is_not_known_to_do():
+    """The small Hand's from one state is four times as far off as mechanics where the hand has closed."""
+    half, whole = (dict.fromkeys(LABELS, share) for share in (0.5, 1.0))
+    errors = EnergyErrors(whole, half, 40)
+    energy = LearnedEnergy.of_mechanics()
+    assert "from one state, and not known to hold" in told(energy, errors, 1)
+    assert told(energy, errors, 2).startswith("energy of contact: learned; errors on held-out samples: handles 100")
+    assert "learned, not converged" in told(energy, errors._replace(converged=False), 2)
+    assert "that of linear mechanics" in told(None, errors, 1)
 
 
 def test_strong_contacts_count_most():
