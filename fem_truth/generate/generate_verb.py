@@ -58,7 +58,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
 
     for name, value in (("--units", args.units), ("--time-budget", args.time_budget)):
         if value is not None and not value >= 0:  # nan is not, either
-            raise SoftprintError(f"{name} {value}: must not be negative")
+            raise SoftprintError(f"{name} {value}: must be a number that is not negative")
     _warn_of_threads(context, MPI.COMM_WORLD.size)
     options = Options(
         units=args.units,
@@ -114,7 +114,9 @@ def _summary(done: Run, ranks: int, ranks_per_solve: int) -> str:
             f"{100 * converged / n:.1f} % converged, "
             f"{np.count_nonzero(samples['branch_flag'])} flagged as jumps, {np.count_nonzero(truth.pierced)} pierced, "
             f"{np.count_nonzero(truth.inverted)} with inverted cells, {np.count_nonzero(truth.usable)} usable",
-            f"  label noise {100 * truth.noise_floor:.2g} % ({len(truth.repeat)} solved twice)",
+            "  no contact was solved twice, so that label noise is not known"
+            if not len(truth.repeat)
+            else f"  label noise {100 * truth.noise_floor:.2g} % ({len(truth.repeat)} solved twice)",
             f"  {_depths(samples['max_depth'], samples['intrusion'], samples['status'] == CONVERGED)}",
             f"  {truth.contacts['seconds'].sum() / n:.3f} core-seconds of solves a sample (second paths included)",
         ]

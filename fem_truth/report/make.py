@@ -84,7 +84,6 @@ def make_report(context: Context, pictures: bool = True) -> MadeReport:
             files=used_paths(files, judged_scenes(experiment)),
             notes=[
                 *missing_notes(files, experiment),
-                *_model_notes(experiment, model),
                 *_scene_notes(scenes),
             ],
             shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
@@ -234,19 +233,16 @@ def _solve_context(experiment: Experiment, body: ReducedBody, collider: Collider
 
 
 def _judged_model(experiment: Experiment, files: RunFiles) -> str | None:
-    """The correction that the report is about: `[report] model` if it exists, otherwise the last by name."""
-    if experiment.report.model in files.trained:
-        return experiment.report.model
-    return max(files.trained, default=None)
-
-
-def _model_notes(experiment: Experiment, model: str | None) -> list[str]:
-    """Where the headline figures are of another model than the experiment asks for."""
+    """The correction that the report is about: `[report] model` if it is trained, otherwise the last by name. Raises
+    SoftprintError where the experiment asks for one that is not trained, and others are."""
     asked = experiment.report.model
-    if "model" not in experiment.report.model_fields_set or asked == model:
-        return []
-    told = f"figures are of {model}" if model else "there are no figures of it"
-    return [f"[report] model = {asked!r} is not trained, so headline {told}."]
+    if asked in files.trained:
+        return asked
+    if files.trained and "model" in experiment.report.model_fields_set:
+        raise SoftprintError(
+            f"{experiment.path}: [report.model] {asked!r} is not trained; there are {', '.join(sorted(files.trained))}"
+        )
+    return max(files.trained, default=None)
 
 
 def _scene_notes(scenes: list[JudgedScene]) -> list[str]:

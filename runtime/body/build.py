@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.basis import biharmonic_basis
-from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.body import HOLDS, SUBSPACES, ReducedBody
 from softprint.runtime.body.cubature import build_cubature
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.body.placement import frames_of, in_box, place_handles
@@ -109,7 +109,14 @@ def assemble_body(
 
     material and density [kg/m^dim] may be scalars: they are spread over all cells. subspace: a key of `SUBSPACES`;
     basis: U (n_nodes, n_rows) of that kind if it was computed elsewhere; hold: see `ReducedBody.constraint_basis`.
+    Raises SoftprintError for what is no body.
     """
+    for key, value, known in (("subspace", subspace, SUBSPACES), ("hold", hold, HOLDS)):
+        if value not in known:
+            raise SoftprintError(f"body: {key} must be one of {', '.join(known)}, not {value!r}")
+    for key, count in (("points_per_row", points_per_row), ("surface_samples", surface_samples)):
+        if count < 1:
+            raise SoftprintError(f"body: {key} must be at least 1, not {count}")
     material = make_material(
         material.model, np.full(mesh.n_cells, material.young), np.full(mesh.n_cells, material.poisson)
     )

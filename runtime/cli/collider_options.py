@@ -36,6 +36,12 @@ def with_replaced_colliders(
 
     if args.collider_scale is not None and not args.collider:
         raise SoftprintError("--collider-scale belongs to --collider FILE")
+    unnamed = [option for option in args.collider or () if "=" not in option]
+    if len(unnamed) > 1:
+        raise SoftprintError(
+            f"--collider {unnamed[1]}: is the second without the name of the collider that it replaces; say "
+            "COLLIDER=FILE"
+        )
     for option in args.collider or ():
         experiment, scene = with_replaced_collider(experiment, scene, option, args.collider_scale)
     return experiment, scene

@@ -27,6 +27,9 @@ from softprint.runtime.contact import point_kernels as kernels
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh.mesh import Mesh
 
+#: Points along an edge of a facet at most, as in the [contact] table of an experiment.
+MOST_REFINED = 64
+
 
 @dataclass(frozen=True, eq=False)
 class ContactTerms:
@@ -96,8 +99,10 @@ class PenaltyContact:
             raise SoftprintError(
                 f"contact stiffness must be a positive number of N/m^4, not {self.stiffness}"
             )
-        if self.refinement < 0:
-            raise SoftprintError(f"the refinement of contact must be zero or positive, not {self.refinement}")
+        if self.refinement != int(self.refinement) or not 0 <= self.refinement <= MOST_REFINED:
+            raise SoftprintError(
+                f"the refinement of contact must be a whole number from 0 to {MOST_REFINED}, not {self.refinement}"
+            )
         if self.reduced_refinement < 1:
             raise SoftprintError(
                 f"the refinement of contact in reduced models must be at least 1, not {self.reduced_refinement}"

@@ -10,6 +10,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.handles import Handles
 from softprint.runtime.colliders.path import KeyframedPath
+from softprint.runtime.errors import SoftprintError
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,10 @@ def free_dofs(handles: Handles, kinematic: Sequence[KinematicHandle]) -> IntArra
     """(n_free,) the minimal coordinates that are solved for."""
     free = np.ones(handles.n_dofs, dtype=bool)
     for fixed in kinematic:
-        free[handles.dofs_of(fixed.handle)] = False
+        own = handles.dofs_of(fixed.handle)
+        if not free[own].any():
+            raise SoftprintError(f"handle {fixed.handle!r} is given twice: it is either fixed or moved along one path")
+        free[own] = False
     return np.flatnonzero(free)
 
 

@@ -132,6 +132,14 @@ class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     success_reward: ClassVar[float] = 10.0
     held_for: ClassVar[int] = 10
 
+    def _checked(self, action: NDArray[np.float32]) -> Array:
+        """An action as numbers; raises SoftprintError, before anything has moved, where it is none."""
+        given = np.asarray(action, dtype=float)
+        if given.shape != self.action_space.shape or not np.isfinite(given).all():
+            shape = " x ".join(map(str, self.action_space.shape or ()))
+            raise SoftprintError(f"an action is {shape} finite numbers, not {given.tolist()}")
+        return given
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
@@ -149,7 +157,7 @@ class TactileEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         """See `gymnasium.Env.step`."""
         if self._result is None:
             raise SoftprintError("the environment has to be reset before its first step")
-        velocity = self.speed * np.clip(np.asarray(action, dtype=float), -1.0, 1.0)
+        velocity = self.speed * np.clip(self._checked(action), -1.0, 1.0)
         for _ in range(self.repeat):
             moved = self.position + self.pad.time_step * velocity
             self.position = np.clip(moved, self.lower, self.upper)

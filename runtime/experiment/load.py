@@ -52,7 +52,7 @@ def load_experiment(path: Path | str, overrides: Sequence[str] = ()) -> Experime
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError as error:
         raise SoftprintError(f"{path}: there is no such experiment file") from error
     except OSError as error:

@@ -104,9 +104,12 @@ def _in_the_file(details: ErrorDetails, data: Any) -> Location:
     part: Any
     last = len(details["loc"]) - 1
     for number, part in enumerate(details["loc"]):
-        if (isinstance(here, dict) and part in here) or (isinstance(here, list) and isinstance(part, int)):
+        in_list = isinstance(here, list) and isinstance(part, int)
+        if (isinstance(here, dict) and part in here) or (in_list and part < len(here)):
             location.append(part)
             here = here[part]
+        elif in_list:
+            break  # an entry that the list lacks
         elif number == last and details["type"] == "missing":
             location.append(part)
     return location

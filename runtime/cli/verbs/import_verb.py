@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 
 from softprint.runtime.cli.context import Context, run_directory
@@ -85,7 +86,7 @@ def run(args: argparse.Namespace, context: Context) -> int:
     if lost:
         context.say(f"No box describes the frame {', '.join(lost)}, so {path} cannot be used for training.")
     else:
-        context.say(f"Train with: softprint train {path} --out {args.out}")
+        context.say(f"Train with: softprint train {shlex.quote(str(path))} --out {shlex.quote(str(args.out))}")
     return 0
 
 

@@ -34,8 +34,9 @@ def polygon_collider(
     return GridCollider(lambda points: polygon_distance(points, outline), outline, segments, resolution, name)
 
 
-def load_polygon(path: Path) -> Array:
+def load_polygon(path: Path | str) -> Array:
     """Vertices (v, 2) from a text file of two columns; lines that start with # are comments."""
+    path = Path(path)
     if not path.is_file():
         raise SoftprintError(f"{path}: there is no such polygon file")
     try:

@@ -86,10 +86,10 @@ def surface_collider(
 
 
 def load_mesh_collider(
-    path: Path, scale: float = 1.0, resolution: int = 48, name: str = "mesh"
+    path: Path | str, scale: float = 1.0, resolution: int = 48, name: str = "mesh"
 ) -> GridCollider:
     """`mesh_collider` of a file whose unit is `scale` metres."""
-    return placed_mesh_collider(path, lambda vertices: scale * vertices, resolution, name)
+    return placed_mesh_collider(Path(path), lambda vertices: scale * vertices, resolution, name)
 
 
 def placed_mesh_collider(

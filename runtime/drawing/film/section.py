@@ -9,6 +9,7 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.drawing.colours import SECTION
 from softprint.runtime.drawing.film.subject import Cut
+from softprint.runtime.errors import SoftprintError
 from softprint.runtime.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -25,6 +26,12 @@ class Section:
         self._plane = {"normal": tuple(towards), "origin": tuple(np.eye(3)[cut.axis] * cut.value)}
         self._volume = pv.UnstructuredGrid({pv.CellType.TETRA: mesh.cells}, mesh.points.copy())
         self._cap = self._volume.slice(**self._plane)
+        if not self._cap.n_points:
+            least, most = (end[cut.axis] for end in (mesh.points.min(axis=0), mesh.points.max(axis=0)))
+            raise SoftprintError(
+                f"--cut {'xyz'[cut.axis]}={cut.value:g}: the plane misses the body, which reaches from {least:.4g} to "
+                f"{most:.4g} m"
+            )
         plotter.add_mesh(self._cap, color=SECTION, lighting=False)
 
     def clip(self, actor: Any) -> None:

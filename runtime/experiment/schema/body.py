@@ -65,7 +65,9 @@ class MaterialRegionSpec(Section):
     """A part of the body with its own material: the cells whose centroid lies in the box."""
 
     box: Box
-    young: Positive | None = Field(None, description="Young's modulus [Pa]; that of the body if absent")
+    young: Positive | None = Field(
+        None, ge=1e-3, le=1e15, description="Young's modulus [Pa]; that of the body if absent"
+    )
     poisson: Poisson | None = Field(None, description="Poisson's ratio; that of the body if absent")
     density: Positive | None = Field(None, description="density; that of the body if absent")
 
@@ -74,7 +76,7 @@ class MaterialSpec(Section):
     """`[body.material]`: hyperelastic solid; plane strain in 2D."""
 
     model: MaterialModel = Field("invertible_neo_hookean", description="strain energy density")
-    young: Positive = Field(description="Young's modulus [Pa]")
+    young: Positive = Field(ge=1e-3, le=1e15, description="Young's modulus [Pa]")
     poisson: Poisson = Field(description="Poisson's ratio, between -1 and 0.5, exclusive")
     density: Positive = Field(1000.0, description="density [kg/m^3] (kg/m^2 in 2D)")
     regions: tuple[MaterialRegionSpec, ...] = Field(

@@ -42,6 +42,6 @@ class DynamicsSpec(Section):
     """`[dynamics]`: backward Euler by Newton's method. `gravity` also sets the dimension of the experiment."""
 
     gravity: Vector = Field(description="acceleration [m/s^2]: two numbers in 2D, three in 3D")
-    time_step: Positive = Field(1 / 60, description="[s]")
+    time_step: Positive = Field(1 / 60, ge=1e-5, le=1.0, description="[s]")
     max_iterations: Count = Field(20, description="Newton iterations in one step")
     tolerance: Positive = Field(1e-4, description="relative residual below which a step has converged")

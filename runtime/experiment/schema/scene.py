@@ -97,7 +97,7 @@ class SceneSpec(Section):
     role: Literal["record", "test"] = Field(
         description="record: a source of states for sampling; test: held out, to compare models"
     )
-    duration: Positive = Field(description="[s]")
+    duration: Positive = Field(le=1e4, description="[s]")
     kinematic: tuple[KinematicEntry, ...] = Field(
         (), description="handles that are fixed, by name or number, or moved along keyframes, as tables"
     )

@@ -19,6 +19,8 @@ Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=1)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 
+# Lengths in metres, speeds and the like: beyond this a unit is wrong, and squares overflow.
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 # The number of entries is checked against the dimension of the experiment after all tables are read.
-Vector = Annotated[tuple[float, ...], Field(min_length=2, max_length=3)]
+Vector = Annotated[tuple[Coordinate, ...], Field(min_length=2, max_length=3)]
 Box = Annotated[tuple[Vector, Vector], Field(description="lowest and highest corner [m]")]

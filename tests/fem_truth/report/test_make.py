@@ -5,6 +5,7 @@ import os
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from softprint.runtime.body import build_body, save_body
 from softprint.runtime.cli.context import Context
 from softprint.runtime.colliders import RigidPose
 from softprint.runtime.errors import SoftprintError
+from softprint.runtime.experiment.schema.report import ReportSpec
 from softprint.runtime.mesh import write_mesh
 from softprint.runtime.mesh.box import box_mesh
 from softprint.runtime.scenes.simulate import simulate_scene
@@ -122,14 +124,23 @@ def test_a_plane_can_be_what_a_scene_presses_with(tmp_path):
     text = text.replace("[[colliders]]", '[sampling]\ncollider = "tip"\n[[colliders]]', 1)
     text += '[[colliders]]\nname = "tip"\nshape = "circle"\nradius = 0.02\n'
     (tmp_path / "toy.toml").write_text(text.replace("0.085]", "0.062]").replace("0.073]", "0.058]"))
-    context = context_of(tmp_path, tmp_path / "run", "report.model='gone'")
+    context = context_of(tmp_path, tmp_path / "run")
     body = build_body(context.experiment.body, context.experiment.base_dir, context.experiment.seed)
     save_body(tmp_path / "run" / "body.h5", body)
     for model in ("bare", "full"):
         simulate_scene(context, body, context.experiment.scenes[0], model)
     summary = json.loads(make_report(context, pictures=False).numbers.read_text())
     assert 0.0 < summary["scenes"][0]["errors_solved"]["statics"]["relative_rms"] < 1.0
-    assert [note for note in summary["notes"] if "[report] model = 'gone' is not trained" in note]
+
+
+def test_a_model_that_is_not_trained_has_no_headline():
+    """Not the figures of another one under its name."""
+    asked = SimpleNamespace(path="toy.toml", report=ReportSpec(model="gone"))
+    by_default = SimpleNamespace(path="toy.toml", report=ReportSpec())
+    with pytest.raises(SoftprintError, match=r"\[report.model\] 'gone' is not trained; there are mechanics, thesis5"):
+        make._judged_model(asked, SimpleNamespace(trained={"thesis5": 0, "mechanics": 0}))
+    assert make._judged_model(by_default, SimpleNamespace(trained={"mechanics": 0})) == "mechanics"
+    assert make._judged_model(asked, SimpleNamespace(trained={})) is None
 
 
 def test_a_report_is_kept_until_something_that_it_is_made_from_changes(toy, tmp_path):

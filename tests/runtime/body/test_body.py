@@ -204,6 +204,18 @@ def test_body_is_built_from_its_table(tmp_path):
         build_body(spec(density=-1.0), tmp_path)
 
 
+def test_what_is_no_body_is_refused():
+    """Before it can be saved to a file that cannot be read."""
+    for wrong, words in (
+        ({"hold": "zz"}, "hold must be one of projection, mass, nodes, not 'zz'"),
+        ({"subspace": "zz"}, "subspace must be one of"),
+        ({"surface_samples": 0}, "surface_samples must be at least 1, not 0"),
+        ({"points_per_row": 0}, "points_per_row must be at least 1, not 0"),
+    ):
+        with pytest.raises(SoftprintError, match=words):
+            make_body(2, **wrong)
+
+
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_state_is_held_by_fixing_nodes(dim):
     """Chapter 4 of the thesis: whatever the rest does, points are where the state has them; and the projection of a

@@ -99,6 +99,11 @@ def test_overrides_are_toml_and_are_kept_in_the_text(file):
     assert "# --set experiment.seed=11" in experiment.text
 
 
+def test_a_byte_order_mark_is_no_mistake(file):
+    file.write_bytes(b"\xef\xbb\xbf" + GOOD.encode())
+    assert load_experiment(file).text == GOOD
+
+
 def test_a_comment_is_no_override(file):
     """What a file was made from is read from the text that it keeps."""
     file.write_text(GOOD + "\n# --set contact.stiffness=1e5 makes it softer\n")
@@ -120,6 +125,13 @@ def test_a_comment_is_no_override(file):
         ("body.material.young='stiff'", ["[body.material.young]", "valid number", '(got "stiff")', "[Pa]"]),
         ("body.material.young=true", ["[body.material.young]", "valid number"]),
         ("dynamics.time_step=0", ["[dynamics.time_step]", "greater than 0"]),
+        ("dynamics.time_step=10.0", ["[dynamics.time_step]", "less than or equal to 1"]),
+        ("dynamics.time_step=1e-300", ["[dynamics.time_step]", "greater than or equal to 1e-05"]),
+        ("body.material.young=1e-170", ["[body.material.young]", "greater than or equal to 0.001"]),
+        ("scenes[0].duration=1e300", ["[scenes[0].duration]", "less than or equal to 10000"]),
+        ("scenes[0].colliders.0.keyframes.1.position=[1e300, 0, 0]", ["position", "less than or equal to 1000000"]),
+        ("sampling.region=[[0, 0, 0]]", ["[sampling.region]", "(got [[0, 0, 0]])"]),
+        ("body.handles.frames.base.box=[[]]", ["[body.handles.frames[0].box"]),
         ("dynamics.time_step=inf", ["[dynamics.time_step]", "finite"]),
         ("experiment.seed=-1", ["[experiment.seed]", "(got -1)"]),
         ("sampling.places=2.5", ["[sampling.places]", "valid integer"]),

@@ -103,3 +103,9 @@ def test_no_contact_is_empty(dim):
 def test_refuses_a_meaningless_stiffness(stiffness):
     with pytest.raises(SoftprintError, match="stiffness"):
         PenaltyContact(stiffness)
+
+
+@pytest.mark.parametrize("refinement", [-1, 1.5, 1000])
+def test_refuses_a_meaningless_refinement(refinement):
+    with pytest.raises(SoftprintError, match="a whole number from 0 to 64"):
+        PenaltyContact(1e9, refinement)

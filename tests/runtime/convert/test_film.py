@@ -107,6 +107,9 @@ def test_a_look_that_cannot_be_is_refused(motion, tmp_path):
     if motion.rest.dim == 2:
         with pytest.raises(SoftprintError, match="is in 2D, where nothing is cut open"):
             convert_motion(motion, tmp_path / "press.gif", look=FilmLook(cut=Cut(1, 0.0)))
+    else:
+        with pytest.raises(SoftprintError, match=r"--cut y=5: the plane misses the body, .* from -0.05 to 0.05 m"):
+            convert_motion(motion, tmp_path / "press.gif", look=FilmLook(cut=Cut(1, 5.0)))
     for text in ("y", "w=1", "y=", "y=nan", "0.01", "=1"):
         with pytest.raises(ValueError, match=r"."):
             Cut.parse(text)

@@ -158,6 +158,13 @@ def test_a_frame_follows_the_rotation_of_its_spring(dim):
     assert settled.energies["elastic"] == pytest.approx(0.0, abs=1e-10)  # J: the whole body rotated with it
 
 
+def test_a_handle_is_held_once():
+    """The last of two paths would win in silence."""
+    twice = [KinematicHandle("base"), KinematicHandle(0), KinematicHandle("base")]
+    with pytest.raises(SoftprintError, match="handle 'base' is given twice"):
+        Simulator(make_body(2), contact=CONTACT, kinematic=twice)
+
+
 @dims
 def test_kinematic_handles_follow_their_paths(dim):
     body = make_body(dim)

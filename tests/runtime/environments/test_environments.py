@@ -93,6 +93,17 @@ def test_observations_are_what_was_asked_for(press) -> None:
     assert not seen["force"].any()
 
 
+@pytest.mark.parametrize("action", [[np.nan, 0.0, 0.0], [0.0, 0.0], 0.5], ids=["nan", "two", "one"])
+def test_an_action_that_is_none_changes_nothing(press, action) -> None:
+    press.reset(seed=1)
+    start, poses = press.position.copy(), len(press.poses)
+    with pytest.raises(softprint.SoftprintError, match="an action is 3 finite numbers, not"):
+        press.step(np.array(action, dtype=np.float32))
+    assert np.array_equal(press.position, start)
+    assert len(press.poses) == poses
+    press.step(np.zeros(3, dtype=np.float32))
+
+
 def test_time_runs_out(press) -> None:
     _, _, info = played(press, lambda env, seen: np.zeros(3, np.float32), 0)
     assert info["reason"] == f"{press.max_steps} steps are over"

@@ -266,6 +266,8 @@ def test_the_command_simulates_another_shape(context, capsys) -> None:
     np.savetxt(context.out_dir / "roof.txt", [[-2, 0], [2, 0], [0, 1]])
     call(context, "--scene", "press", "--collider", str(context.out_dir / "roof.txt"))
     assert (context.out_dir / "touch" / "press_with_roof_bare.csv").is_file()
+    with pytest.raises(SoftprintError, match="--collider mug: is the second without the name of the collider"):
+        call(context, "--collider", "hat", "--collider", "mug")
     with pytest.raises(SoftprintError, match="--collider-scale belongs to"):
         call(context, "--collider-scale", "0.1")
     for wrong in ("abc", "-1", "nan"):
