@@ -104,6 +104,7 @@ def generate(
             return Run(truth, 0, time.monotonic() - began, _peak_memory(comm))
         on_first_rank(comm, lambda: _prepare_folder(folder, made_from, options.resume))
         on_first_rank(comm, lambda: _refuse_barrier(experiment))
+        on_first_rank(comm, lambda: _refuse_depth(experiment, body.mesh.size))
         names = experiment.sampled_colliders
         colliders = [cache(partial(sampled_collider, experiment, name, body)) for name in names]
         # One that cannot be used is refused before anything is solved. All shapes of a library are as large as the
@@ -292,6 +293,15 @@ def _refuse_barrier(experiment: Experiment) -> None:
         raise SoftprintError(
             f'{experiment.path}: contact.model = "barrier" is for motions in full space (`softprint simulate --model '
             "full`); reference samples are solved with a penalty: leave contact.model out to generate them"
+        )
+
+
+def _refuse_depth(experiment: Experiment, size: float) -> None:
+    depth = experiment.sampling.max_depth
+    if experiment.sampled_colliders and depth > size:
+        raise SoftprintError(
+            f"{experiment.path}: sampling.max_depth = {depth:g} m is more than the body is large, {size:.3g} m; "
+            "lengths are in metres"
         )
 
 

@@ -111,6 +111,10 @@ def hold_box(mesh: Mesh, hold: str | Array) -> Array:
     )
 
 
+#: What may hold a body; the last two in 3D.
+SIDES = ("bottom", "top", "left", "right", "front", "back")
+
+
 def _side(name: str, dim: int) -> tuple[int, int]:
     """The axis of a side, and whether it is at its upper end."""
     sides = {"bottom": (dim - 1, 0), "top": (dim - 1, 1), "left": (0, 0), "right": (0, 1)}

@@ -150,9 +150,12 @@ def _hold(text: str) -> str | Array:
     """The name of a side, or a box (2, dim) [m]."""
     import numpy as np
 
+    from softprint.runtime.authoring.choose_settings import SIDES
     from softprint.runtime.errors import SoftprintError
 
     if ":" not in text:
+        if text not in SIDES:  # before the body is filled, which may take minutes
+            raise SoftprintError(f"--hold {text}: must be one of {', '.join(SIDES)}, a box, or pick")
         return text
     try:
         box = np.array([[float(number) for number in corner.split(",")] for corner in text.split(":")])

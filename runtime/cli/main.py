@@ -24,7 +24,8 @@ from softprint.runtime.errors import SoftprintError
 from softprint.runtime.linalg.openmp_waiting import wait_briefly
 
 PATIENCE = 2.0  # s that the other ranks wait for the first one to report the error
-_STOPPED = (
+_STOPPED = "Stopped. Nothing half-written is left."
+_STOPPED_RUN = (
     "Stopped. Finished work is kept: the same command continues from there. (With --no-resume it starts again.)"
 )
 DESCRIPTION = "Press things into soft bodies: solve once with finite elements, learn, then run in real time."
@@ -46,9 +47,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if arguments is None:  # handled once: mpirun repeats the signal
             for again in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(again, signal.SIG_IGN)
-        _refuse(_STOPPED, launched_rank())
+        _refuse(_stopped(sys.argv[1:] if arguments is None else arguments), launched_rank())
         end_all_ranks(130)
         return 130
+
+
+def _stopped(words: Sequence[str]) -> str:
+    """What is said where a command was stopped: verbs with an experiment keep what they have finished."""
+    keeps = {found.name for found in find_verbs() if found.verb is not None and found.verb.reads_experiment}
+    return _STOPPED_RUN if set(words[:1]) & keeps else _STOPPED
 
 
 def _main(arguments: Sequence[str] | None) -> int:

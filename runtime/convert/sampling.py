@@ -36,18 +36,18 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True)
 class Sampling:
-    """begin, end: the part of the motion, both included, all of it by default; every: only each nth of its frames;
-    rate: frames a second, in between those of the motion, instead."""
+    """begin, end: the part of the motion, both included, all of it by default, in seconds if they are numbers; every:
+    only each nth of its frames; rate: frames a second, in between those of the motion, instead."""
 
-    begin: Moment | None = None
-    end: Moment | None = None
+    begin: Moment | float | None = None
+    end: Moment | float | None = None
     every: int | None = None
     rate: float | None = None
 
     def times(self, stored: Array, label: str) -> Array:
         """(n,) the times [s] to convert, of a motion with frames at the times stored (F,)."""
-        first = self._within(self.begin, stored, label) if self.begin else float(stored[0])
-        last = self._within(self.end, stored, label) if self.end else float(stored[-1])
+        first = float(stored[0]) if self.begin is None else self._within(_moment(self.begin), stored, label)
+        last = float(stored[-1]) if self.end is None else self._within(_moment(self.end), stored, label)
         slack = 1e-9 * max(abs(float(stored[-1])), 1.0)
         if last < first:
             raise SoftprintError(f"{label}: the end, {self.end}, is before the beginning, {self.begin}")
@@ -82,3 +82,7 @@ class Sampling:
                 f"{label}: {moment.value:g} s is not in the motion, which lasts from {stored[0]:g} to {stored[-1]:g} s"
             )
         return float(np.clip(moment.value, stored[0], stored[-1]))
+
+
+def _moment(given: Moment | float) -> Moment:
+    return given if isinstance(given, Moment) else Moment(float(given))

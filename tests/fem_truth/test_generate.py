@@ -333,6 +333,13 @@ def test_a_part_is_useful_and_damaged_shards_are_made_again(experiment: Path, re
     assert content(out) == content(reference)
 
 
+def test_a_depth_beyond_the_body_is_refused(experiment: Path) -> None:
+    """5.5 for 5.5 mm."""
+    refused = generate(experiment, "--out", experiment.parent / "deep", "--set", "sampling.max_depth=5.5")
+    assert refused.returncode == 1
+    assert "sampling.max_depth = 5.5 m is more than the body is large, 0.1 m; lengths are in metres" in refused.stderr
+
+
 def test_a_changed_experiment_is_refused_until_restarted(experiment: Path) -> None:
     out = experiment.parent / "changed"
     assert generate(experiment, "--out", out, "--units", "2").returncode == 0

@@ -311,3 +311,10 @@ def test_an_error_on_one_rank_ends_all(tmp_path):
     )
     assert result.returncode != 0
     assert "rank 1: rank one found a bad mesh" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "kept"), [(["toy", "x.toml"], True), (["new", "x.stl"], False), ([], False)]
+)
+def test_only_verbs_that_keep_work_say_so_when_they_are_stopped(words, kept):
+    assert ("--no-resume" in main._stopped(words)) == kept

@@ -33,6 +33,7 @@ def test_all_frames_are_those_of_the_motion():
 
 def test_a_part_has_both_its_ends():
     np.testing.assert_array_equal(times(begin=Moment(0.1), end=Moment(0.2)), TIMES[5:11])
+    np.testing.assert_array_equal(times(begin=0.1, end=0.2), TIMES[5:11])
     np.testing.assert_array_equal(times(begin=Moment(5, True), end=Moment(10, True)), TIMES[5:11])
     np.testing.assert_array_equal(times(begin=Moment(5, True), every=5), TIMES[5::5])
 
