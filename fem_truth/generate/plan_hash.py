@@ -43,9 +43,8 @@ def fingerprint(experiment: Experiment, body: ReducedBody) -> dict[str, str]:
     if experiment.contact.refinement:
         flat["depth of a collider"] = "on facets"  # once it was measured at nodes here, too
     flat["body hash"] = body.content_hash
-    if (
-        experiment.library is not None
-    ):  # [library] meshes are patterns: a new file changes the plan, and the roles
+    if experiment.library is not None:
+        # Its meshes are patterns: a new file changes which contact is of which shape, and what shapes are for.
         flat[SAMPLED] = json.dumps(experiment.sampled_colliders)
     for name in experiment.sampled_colliders:
         flat |= sampled_file_hashes(experiment, name)

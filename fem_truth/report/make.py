@@ -82,10 +82,7 @@ def make_report(context: Context, pictures: bool = True) -> MadeReport:
             model=model,
             folder=folder,
             files=used_paths(files, judged_scenes(experiment)),
-            notes=[
-                *missing_notes(files, experiment),
-                *_scene_notes(scenes),
-            ],
+            notes=[*missing_notes(files, experiment), *_scene_notes(scenes)],
             shapes=None if truth is None else judge_shapes(context, files, body, truth, model, pictures),
         )
         context.say("drawing")
