@@ -566,6 +566,14 @@ FIGURES: Mapping[str, Figure] = {
         ("finger_small",),
     ),
     "hand_small": _whole("hand_small", "explore", BODIES),
+    "forces_on_the_mug": Figure(
+        (
+            "python -m benchmarks.forces_along_motions examples/hand_small.toml "
+            "runs/hand_small/motions/explore_full.h5",
+        ),
+        (BODIES, FORCES),
+        ("hand_small",),
+    ),
     "hand_lbs": Figure(
         (
             f"softprint generate {_HAND_LBS}",

@@ -74,6 +74,8 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
 def _problem(details: ErrorDetails, model: type[BaseModel], data: Any) -> Problem:
     location = _in_the_file(details, data)
     key, kind = key_of(location), details["type"]
+    if kind == "missing" and isinstance(details["loc"][-1], int):
+        return Problem(key, "has too few entries", _described(model, details["loc"]), details["input"])
     if kind == "missing":
         return Problem(key, "is missing", _described(model, details["loc"]))
     if kind == "extra_forbidden":

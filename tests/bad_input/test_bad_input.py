@@ -106,7 +106,7 @@ CONFIG = {
     "impossible value": ("poisson = 0.4", "poisson = 0.5", ("[body.material.poisson]", "less than 0.5")),
     "not a number": ("young = 2e4", "young = nan", ("[body.material.young]",)),
     "infinite": ("time_step = 0.02", "time_step = inf", ("[dynamics.time_step]",)),
-    "negative step": ("time_step = 0.02", "time_step = -0.02", ("[dynamics.time_step]", "greater than 0")),
+    "negative step": ("time_step = 0.02", "time_step = -0.02", ("[dynamics.time_step]", "or equal to 0.00001")),
     "no states": ("states = 3", "states = 0", ("[sampling.states]", "greater than")),
     "missing key": ("young = 2e4\n", "", ("[body.material.young]", "is missing", "Young's modulus")),
     "no such mesh": ('mesh = "box.vtu"', 'mesh = "gone.vtu"', ("[body.mesh]", "gone.vtu")),

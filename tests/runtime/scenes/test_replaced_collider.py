@@ -37,7 +37,7 @@ def test_a_mesh_is_scaled_to_the_collider_that_it_replaces(tmp_path):
 
 
 def test_a_shape_of_the_library_and_a_polygon(tmp_path):
-    experiment, scene = scene_of(tmp_path, 3, "library={size=0.05, resolution=12}")
+    experiment, scene = scene_of(tmp_path, 3, "library={size=0.05, resolution=12}", "training.models=[]")
     other, changed = with_replaced_collider(experiment, scene, "octahedron")
     assert changed.name == "held_out_with_octahedron_stand_in"
     assert other.collider("octahedron_stand_in").size == pytest.approx(0.02)
