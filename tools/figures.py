@@ -571,7 +571,7 @@ FIGURES: Mapping[str, Figure] = {
             "python -m benchmarks.forces_along_motions examples/hand_small.toml "
             "runs/hand_small/motions/explore_full.h5",
         ),
-        (BODIES, FORCES),
+        (BODIES,),
         ("hand_small",),
     ),
     "hand_lbs": Figure(
