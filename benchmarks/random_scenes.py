@@ -60,6 +60,7 @@ from softprint.runtime.dynamics import (
 )
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import load_experiment
+from softprint.runtime.io.files import atomic_path
 from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
@@ -287,7 +288,8 @@ def _read(path: Path, made_with: dict[str, Any]) -> list[dict[str, Any]]:
         raise SoftprintError(
             f"{path}: its scenes were played with {head}, and these would be with {made_with}: remove it to start again"
         )
-    path.write_text("".join(whole))
+    with atomic_path(path) as temporary:
+        temporary.write_text("".join(whole))
     return [vars(Counted(**json.loads(line))) for line in whole[1:]]
 
 

@@ -48,7 +48,7 @@ MODELS = (OBJECT_CENTRIC, *FIELDS, MECHANICS, OURS)
 def spec_of(model: str, neurons: Sequence[int]) -> ModelSpec:
     """The [[training.models]] table that a model stands for."""
     if model not in FIELDS:
-        return ModelSpec(name=model, learned=model != MECHANICS)
+        return ModelSpec(name=model)
     table = {"encoding": FIELDS[model], "hidden": tuple(neurons), "activation": "tanh", "fade_depth": 2e-3}
     return ModelSpec.model_validate({"name": model, "form": "thesis5", **table})
 
@@ -98,7 +98,7 @@ def main() -> None:
                 for count in given.states:
                     data = TrainingData(truth, body, context)
                     first = data.split.train[truth.sample_state[data.split.train] < count]
-                    data.split = replace(data.split, train=np.asarray(first), whole=np.asarray(first))
+                    data.split = replace(data.split, train=np.asarray(first))
                     cells.append(f"{error(data, model, given.neurons):.1%}")
                 print(f"| {model} | {' | '.join(cells)} |", flush=True)
     except SoftprintError as problem:

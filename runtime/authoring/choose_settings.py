@@ -36,7 +36,15 @@ SAG = 0.03
 # What is held reaches this far from its side, at least, as a share of the body's extent there; and at most.
 _HELD, _MOST_HELD = 0.1, 0.45
 _POINTS = {2: 8, 3: 18}  # as in the thesis
-SIDES = ("bottom", "top", "left", "right", "front", "back")
+#: What may hold a body: the axis of a side, -1 for the last, and whether it is at its upper end. The last two in 3D.
+SIDES = {
+    "bottom": (-1, 0),
+    "top": (-1, 1),
+    "left": (0, 0),
+    "right": (0, 1),
+    "front": (1, 0),
+    "back": (1, 1),
+}
 
 
 @dataclass(frozen=True)
@@ -111,21 +119,16 @@ def hold_box(mesh: Mesh, hold: str | Array) -> Array:
     )
 
 
-#: What may hold a body; the last two in 3D.
-SIDES = ("bottom", "top", "left", "right", "front", "back")
-
-
 def _side(name: str, dim: int) -> tuple[int, int]:
     """The axis of a side, and whether it is at its upper end."""
-    sides = {"bottom": (dim - 1, 0), "top": (dim - 1, 1), "left": (0, 0), "right": (0, 1)}
-    if dim == 3:
-        sides |= {"front": (1, 0), "back": (1, 1)}
+    sides = list(SIDES)[: 2 * dim]
     if name not in sides:
         raise SoftprintError(
             f"--hold {name}: must be one of {', '.join(sides)}, or a box such as "
             + ("-1,-1:1,0.01" if dim == 2 else "-1,-1,-1:1,1,0.01")
         )
-    return sides[name]
+    axis, high = SIDES[name]
+    return axis % dim, high
 
 
 def thicknesses(mesh: Mesh, nodes: IntArray) -> Array:

@@ -12,6 +12,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -70,9 +71,12 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "tiny.toml"
 
 
-def command(*arguments: str | Path, ranks: int = 1) -> list[str]:
+GENERATE = ("-m", "softprint.runtime.cli.main", "generate")
+
+
+def command(*arguments: str | Path, ranks: int = 1, program: Sequence[str] = GENERATE) -> list[str]:
     launcher = ["mpirun", "--oversubscribe", "-n", str(ranks)] if ranks > 1 else []
-    return [*launcher, sys.executable, "-m", "softprint.runtime.cli.main", "generate", *map(str, arguments)]
+    return [*launcher, sys.executable, *program, *map(str, arguments)]
 
 
 def environment() -> dict[str, str]:
@@ -84,9 +88,11 @@ def environment() -> dict[str, str]:
     }
 
 
-def generate(*arguments: str | Path, ranks: int = 1) -> subprocess.CompletedProcess[str]:
+def generate(
+    *arguments: str | Path, ranks: int = 1, program: Sequence[str] = GENERATE
+) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        command(*arguments, ranks=ranks),
+        command(*arguments, ranks=ranks, program=program),
         env=environment(),
         capture_output=True,
         text=True,
@@ -480,14 +486,6 @@ def test_shards_are_kept_until_every_rank_has_read_them(experiment, tmp_path):
     """Without colliders nothing but reading the states comes before the truth file is written and shards removed."""
     path = experiment.parent / "states_slow.toml"
     path.write_text(WITHOUT_COLLIDERS.replace("RECORD", "forces"))
-    launcher = ["mpirun", "--oversubscribe", "-n", "2", sys.executable, "-c", SLOW_READER]
-    finished = subprocess.run(
-        [*launcher, path, "--out", tmp_path / "states"],
-        env=environment(),
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    finished = generate(path, "--out", tmp_path / "states", ranks=2, program=("-c", SLOW_READER))
     assert finished.returncode == 0, finished.stderr
     assert "5 states without contact" in finished.stdout

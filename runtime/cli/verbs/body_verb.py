@@ -67,10 +67,7 @@ def describe(body: ReducedBody) -> list[tuple[str, str]]:
             f"{len(mesh.surface_nodes):,} nodes, {len(body.surface.nodes):,} contact points at run time",
         ),
         ("handles", f"{body.handles.n_points} points; frames: {frames}"),
-        (
-            "basis",
-            f"{body.subspace.replace('_', ' ')}, {body.n_rows} rows, {body.n_dofs} minimal coordinates",
-        ),
+        ("basis", f"{body.subspace.replace('_', ' ')}, {body.n_rows} rows, {body.n_dofs} minimal coordinates"),
         ("material", f"{body.material.model}, Young's modulus {stiffness} Pa"),
         ("mass", f"{body.node_mass.sum():.4g} {unit}"),
         (

@@ -16,8 +16,6 @@ else:
 
 # What simulations and reports have of their own.
 _RESERVED = ("full", "bare", "condensed", "linear_response", "truth", "statics")
-
-
 # The forms that a key of [[training.models]] is for; all others are for every form.
 _FORMS_OF = {
     **dict.fromkeys(("contact_nodes", "band", "static_condensation", "learned"), ("force",)),
@@ -30,9 +28,7 @@ _FORMS_OF = {
 
 def _not_reserved(name: str) -> str:
     if name in _RESERVED:
-        raise ValueError(
-            f"{name!r} is what simulations or reports call a model of their own: choose another name"
-        )
+        raise ValueError(f"{name!r} is what simulations or reports call a model of their own: choose another name")
     return name
 
 
