@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -133,27 +134,29 @@ def simulate_scene(
                 seconds += result.timings["total"]
                 progress.update()
     if not_converged:
-        log.info(
+        level = logging.WARNING if not_converged == n_steps else logging.INFO
+        log.log(
+            level,
             "%s (%s): %d of %d steps did not converge; see `status` in %s",
             *(scene.name, model, not_converged, n_steps, path),
         )
+    _warn_of_contact(f"{scene.name} ({model})", n_steps + 1, pierced, untouched)
+    return Played(path, False, n_steps / seconds, not_converged)
+
+
+def _warn_of_contact(
+    motion: str, n_frames: int, pierced: Sequence[tuple[float, str, int]], untouched: set[str]
+) -> None:
+    """Of colliders that pierce the body, each with its depth [m] and frame, and of others that never touch it."""
     if pierced:
         depth, name, frame = max(pierced)
+        frames = len({frame for *_, frame in pierced})
         log.warning(
-            "%s (%s): the body is pierced in %d of %d frames, most in frame %d: collider %r is %.1f mm inside it",
-            *(
-                scene.name,
-                model,
-                len({frame for *_, frame in pierced}),
-                n_steps + 1,
-                frame,
-                name,
-                1e3 * depth,
-            ),
+            "%s: the body is pierced in %d of %d frames, most in frame %d: collider %r is %.1f mm inside it",
+            *(motion, frames, n_frames, frame, name, 1e3 * depth),
         )
-    for name in sorted(untouched):
-        log.warning("%s (%s): collider %r never touches the body", scene.name, model, name)
-    return Played(path, False, n_steps / seconds, not_converged)
+    for name in sorted(untouched - {name for _, name, _ in pierced}):
+        log.warning("%s: collider %r never touches the body", motion, name)
 
 
 def _is_finished(path: Path, digest: str) -> bool:
