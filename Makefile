@@ -41,7 +41,7 @@ demo: install
 
 # Two workers.
 test:
-	@tools/install.sh --with-docs
+	@tools/install.sh --for-tests
 	$(PYTHON) -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 lint: install

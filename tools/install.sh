@@ -3,7 +3,8 @@
 #
 #   tools/install.sh [--check]        --check: only report whether anything is missing (exit status 1 if so)
 #   tools/install.sh --docs           only what builds the documentation, in an environment of its own, .venv.docs
-#   tools/install.sh --with-docs      both, at once
+#   tools/install.sh --for-tests      both, at once; the kernels of simulations are compiled by the tests, whose two
+#                                     workers share them
 #
 # Debian packages first (with sudo if not root), then pinned wheels:
 #   * DOLFINx, PETSc, MPI and packages that depend on numpy are Debian's: their versions must match.
@@ -58,7 +59,8 @@ has() {
 }
 
 is_complete() {
-    [ -x "$SYSTEM_PYTHON" ] && [ -x "$VENV/bin/softprint" ] && has installed "$(project_fingerprint)"
+    [ -x "$SYSTEM_PYTHON" ] && [ -x "$VENV/bin/softprint" ] && has installed "$(project_fingerprint)" &&
+        { [ -n "$for_tests" ] || has kernels "$(project_fingerprint)"; }
 }
 
 as_root() {
@@ -102,10 +104,15 @@ install_wheels() {
 }
 
 install_softprint() {
+    has installed "$(project_fingerprint)" && return
     "${PIP[@]}" --no-deps --no-build-isolation --editable .
+    project_fingerprint > "$VENV/installed"
+}
+
+compile_kernels() {
     say "Compiling the kernels of simulations"
     "$VENV/bin/softprint" warm-up >&2
-    project_fingerprint > "$VENV/installed"
+    project_fingerprint > "$VENV/kernels"
 }
 
 install_docs() {
@@ -123,11 +130,11 @@ if [ "${1:-}" = --docs ]; then
     install_docs
     exit 0
 fi
-with_docs=
-[ "${1:-}" = --with-docs ] && with_docs=1
+for_tests=
+[ "${1:-}" = --for-tests ] && for_tests=1
 finished() {
     is_complete || return 0
-    [ -z "$with_docs" ] || install_docs
+    [ -z "$for_tests" ] || install_docs
     exit 0
 }
 finished
@@ -136,8 +143,9 @@ exec {lock}> .venv.lock
 flock "$lock" # two concurrent installations would corrupt .venv
 finished
 install_debian_packages
-[ -z "$with_docs" ] || { install_docs & docs=$!; }
+[ -z "$for_tests" ] || { install_docs & docs=$!; }
 install_wheels
 install_softprint
-[ -z "$with_docs" ] || wait "$docs"
+[ -n "$for_tests" ] || compile_kernels
+[ -z "$for_tests" ] || wait "$docs"
 say "Installed. Try: $VENV/bin/softprint doctor"
