@@ -20,8 +20,12 @@ from softprint.runtime.colliders import cone_kernels
 from softprint.runtime.colliders.collider import Collider, ColliderBase, SdfDerivatives
 from softprint.runtime.colliders.kinds.cone import Cone, side_by_side
 from softprint.runtime.colliders.pose import RigidPose
+from softprint.runtime.colliders.surface_points import surface_points
 from softprint.runtime.compiled import compiled
 from softprint.runtime.errors import SoftprintError
+
+# Points along the longest side of a difference among which something of its surface has to be.
+_POINTS_ALONG = 32
 
 
 def smooth_minimum(a: SdfDerivatives, b: SdfDerivatives, blend: float) -> SdfDerivatives:
@@ -147,7 +151,8 @@ class SmoothUnion(ColliderBase):
 
 
 class SmoothDifference(ColliderBase):
-    """`base` without any of the parts; the edges of each cut are rounded over `blend` [m]."""
+    """`base` without any of the parts; the edges of each cut are rounded over `blend` [m]. Raises SoftprintError where
+    the parts leave nothing of a base with bounds."""
 
     def __init__(
         self, base: Collider, parts: Sequence[Collider], blend: float, name: str = "difference"
@@ -156,6 +161,9 @@ class SmoothDifference(ColliderBase):
         self.name, self.base, self.parts = name, base, tuple(parts)
         self.blend = _positive_blend(name, blend)
         self.lower, self.upper = base.lower, base.upper
+        extent = float((self.upper - self.lower).max())
+        if np.isfinite(extent) and not len(surface_points(self, extent / _POINTS_ALONG)):
+            raise SoftprintError(f"collider {name!r}: its parts cut all of its base away")
 
     def sdf(self, z: Array) -> Array:
         outside = -self.base.sdf(z)

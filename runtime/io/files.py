@@ -68,7 +68,8 @@ def atomic_path(path: Path | str) -> Iterator[Path]:
         _sync(target.parent, os.O_RDONLY)  # the rename itself must survive a power failure
     except OSError as error:
         ours = error.filename in (None, str(temporary), os.fspath(temporary))
-        reason = error.strerror if ours and error.strerror else error
+        reason = (error.strerror if ours else None) or str(error)
+        reason = reason.replace(temporary.name, target.name)  # the words of HDF5 contain the name that it was given
         raise SoftprintError(f"cannot write {target}: {reason}") from error
     finally:
         temporary.unlink(missing_ok=True)

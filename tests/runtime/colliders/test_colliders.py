@@ -157,6 +157,13 @@ def test_union_and_difference_are_exact_away_from_seams():
     np.testing.assert_allclose(difference.sdf(z)[clear], np.maximum(sa, -sb)[clear], atol=1e-14)
 
 
+def test_a_difference_of_which_nothing_is_left_is_refused(dim):
+    base = Sphere(0.02, dim, "base")
+    SmoothDifference(base, [Sphere(0.0199, dim, "thin shell")], 1e-5)
+    with pytest.raises(SoftprintError, match="collider 'nut': its parts cut all of its base away"):
+        SmoothDifference(base, [Sphere(0.03, dim, "cut")], 1e-3, "nut")
+
+
 @pytest.mark.parametrize("key", ["union_of_cones2d", "union_of_cones"])
 def test_union_of_cones_is_what_it_is_part_by_part(key):
     """Placed parts (here with an identity pose) are not recognised as cones."""

@@ -42,6 +42,13 @@ def test_a_folder_in_the_way_is_named(tmp_path):
         pass
 
 
+def test_an_error_of_hdf5_names_the_file_and_not_its_temporary_name(tmp_path):
+    with pytest.raises(SoftprintError) as told, atomic_path(tmp_path / "out.h5") as path:
+        h5py.File(path, "r")  # it is not there
+    assert str(told.value).startswith(f"cannot write {tmp_path / 'out.h5'}: ")
+    assert path.name not in str(told.value)
+
+
 def test_hash_sees_names_values_types_and_shapes_but_not_order():
     base = {"a": np.arange(6.0), "b": "text", "c": 3}
     assert content_hash(base) == content_hash(dict(reversed(base.items())))
