@@ -140,11 +140,11 @@ def simulate_scene(
             "%s (%s): %d of %d steps did not converge; see `status` in %s",
             *(scene.name, model, not_converged, n_steps, path),
         )
-    _warn_of_contact(f"{scene.name} ({model})", n_steps + 1, pierced, untouched)
+    warn_of_contact(f"{scene.name} ({model})", n_steps + 1, pierced, untouched)
     return Played(path, False, n_steps / seconds, not_converged)
 
 
-def _warn_of_contact(
+def warn_of_contact(
     motion: str, n_frames: int, pierced: Sequence[tuple[float, str, int]], untouched: set[str]
 ) -> None:
     """Of colliders that pierce the body, each with its depth [m] and frame, and of others that never touch it."""
