@@ -26,7 +26,6 @@ def summarise(path: Path, part: Part) -> Summary:
         energy = LearnedEnergy.of_mechanics() if kept["energy"] is None else LearnedEnergy.of(kept["energy"])
         facts = {
             "converged": errors["converged"],
-            "log of the scale of the compliance, by the strain": list(energy.scale.coefficients),
             "growth b": energy.growth,
         }
         compared = {

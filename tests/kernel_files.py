@@ -8,12 +8,11 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 _FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
-    "runtime/contact/learned_energy/dent_excess.py",
-    "runtime/contact/learned_energy/dent_strain_kernels.py",
+    "runtime/contact/dents/dent_measures.py",
+    "runtime/contact/dents/dent_strain_kernels.py",
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
     "runtime/contact/stretched_gaps.py",
-    "runtime/contact/carriers/compliance_scale.py",
     "runtime/contact/carriers/rotation_kernels.py",
     "runtime/dynamics/terms/cell_group_blocks.py",
     "runtime/dynamics/terms/corner_gradients.py",

@@ -20,7 +20,6 @@ from softprint.runtime.cli.context import Context
 from softprint.runtime.cli.verbs.inspect_verb import VERB
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.contact import PenaltyContact
-from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS
 from softprint.runtime.dynamics import KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.dynamics.state_file import save_state
 from softprint.runtime.errors import SoftprintError
@@ -194,7 +193,7 @@ def test_a_correction_and_a_checkpoint_are_described(tmp_path, jelly2d_body) -> 
 def test_a_learned_energy_is_described(tmp_path) -> None:
     errors = {"mechanics": {"handles": 0.2}, "learned": {"handles": 0.1}, "samples": 40, "converged": True}
     path = tmp_path / "energy_300.json"
-    values = [*[0.1] * N_COEFFICIENTS, 0.5]
+    values = [0.5]
     keep(path, {"truth": "abc"}, {"energy": values, "errors": errors})
     told = facts(path)
     assert (told["energy"]["growth b"], told["energy"]["converged"]) == (0.5, True)

@@ -12,12 +12,10 @@ from softprint.runtime.arrays import Array, IntArray
 
 
 class FrictionForces(NamedTuple):
-    """Friction forces (k, dim) [N] on the body in rest coordinates, on contact nodes (k,), ascending; drawn: (k, dim)
-    what displaces the body as drawn, see `SolvedContact.drawn_force`."""
+    """Friction forces (k, dim) [N] on the body in rest coordinates, on contact nodes (k,), ascending."""
 
     nodes: IntArray
     forces: Array
-    drawn: Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.colliders.pose import Poses
-from softprint.runtime.contact.carriers.carriers import Carriers, carried_along
+from softprint.runtime.contact.carriers.point_rotations import PointRotations, carried_along
 from softprint.runtime.contact.friction import LaggedContact
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.contact.surface_quadrature import FacetPoints
@@ -67,7 +67,7 @@ class SlidingMotion:
     """The derivatives by the rows of k points y = x + A v. at: A and its derivatives; displacement: v (k, dim) [m]."""
 
     surface: CarriedCompliance
-    at: Carriers
+    at: PointRotations
     displacement: Array
 
     @lazy

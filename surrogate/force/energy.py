@@ -1,23 +1,20 @@
 """Learns the energy of contact (`runtime/contact/learned_energy/`) from the energies and forces of a truth.
 
 A sample of the truth has the energy W_true that contact adds, and the generalised contact force h_true = dW_true/dq on
-the handles, which are free: h_true is the Lagrange multiplier of the constraint. The parameters p = (c, b) of
-condensed contact, whose derivatives follow from one contact solve (`sampled_contacts.py`), are found by Gauss-Newton
-iterations on
+the handles, which are free: h_true is the Lagrange multiplier of the constraint. The parameter b of condensed contact
+(`sampled_contacts.py`) is found by Gauss-Newton iterations on
 
     sum_i sum_k w_ik |r_ik|^2 / <|true_k|^2>
 
 over samples i and three kinds of residual k: h~ - h_true along the coordinates of the handles, its sum, which is the
 force on the collider, and W~ - W_true. So strong contacts count most: they move bodies, and where forces are weak,
-linear mechanics with few contact points errs in ways that no p changes (docs/results_bodies.md, the small Ball).
+linear mechanics with few contact points errs in ways that no b changes (docs/results_bodies.md, the small Ball).
 Samples in which the collider presses a rigid frame as well are left out: a frame bears by itself
-(`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight from what no p fits (Huber 1964), as where the truth is
+(`runtime/dynamics/terms/frame_contact.py`). w_ik takes weight from what no b fits (Huber 1964), as where the truth is
 in another equilibrium.
 
-p is kept where cross-validation bears it out: the parameters that samples of other states and shapes give, by one more
-iteration from p, leave significantly less error than linear mechanics (`energy_gain.py`). How the compliance changes
-with the strain, c, is learned only from several states: no other could bear out that of one, and it would count most
-where a body is strained much more than in training.
+The energy is kept where cross-validation bears it out: with the b that samples of other states and shapes give, by one
+more iteration, it leaves significantly less error than linear mechanics (`energy_gain.py`).
 """
 
 from __future__ import annotations
@@ -28,9 +25,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from softprint.runtime.arrays import BoolArray, IntArray
+from softprint.runtime.arrays import IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS
 from softprint.runtime.contact.frame_points import FramePoints
 from softprint.runtime.contact.learned_energy.learned_energy import LEAST, MOST, LearnedEnergy
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
@@ -40,7 +36,7 @@ from softprint.runtime.truth.shared_samples import workers_for
 from softprint.surrogate.data.folds import Fold, folds_of
 from softprint.surrogate.data.training_data import TrainingData
 from softprint.surrogate.force.energy_gain import gain_of
-from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled, SampledContacts
+from softprint.surrogate.force.sampled_contacts import LABELS, Sampled, SampledContacts
 from softprint.surrogate.force.shared_contacts import SharedContacts
 
 # At most so many iterations, from this b: most bodies have 0.2 to 0.4. They have converged where another one would
@@ -48,12 +44,13 @@ from softprint.surrogate.force.shared_contacts import SharedContacts
 ITERATIONS = 8
 _START = 0.3
 _CONVERGED = 1e-3
-# Samples to learn from: three numbers are learned.
+# Samples to learn from: one number is learned.
 SAMPLES = 600
 # Of the median residual, that from which on a sample loses weight.
 _HUBER = 2.0
-# The ridge on the parameters, relative to the normal matrix, for bodies that are never strained one way.
+# The ridge on b, relative to the sum of the squares of the derivatives.
 _RIDGE = 1e-3
+_TINY = 1e-300
 
 
 ContactMaker = Callable[[Collider, LearnedEnergy], ContactStateProbe]
@@ -97,9 +94,7 @@ def learn_energy(
     if not parts:
         nothing = dict.fromkeys(LABELS, 0.0)
         return None, EnergyErrors(nothing, nothing, 0)
-    free = np.full(N_PARAMETERS, True)
-    free[:N_COEFFICIENTS] = contacts.n_states(bearing) > 1
-    fit = _Fit(labels, free)
+    fit = _Fit(labels)
     learned, found, converged = fit.run(contacts, bearing, progress)
     by_others = [fit.iteration(found.among(part.learn), learned).energy for part in parts]
     judged = Sampled.joined(
@@ -181,16 +176,15 @@ class _Iteration(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """The Gauss-Newton method. labels: the kinds of residuals; free: (N_PARAMETERS,) the parameters that change."""
+    """The Gauss-Newton method. labels: the kinds of residuals."""
 
     labels: tuple[str, ...]
-    free: BoolArray
 
     def run(
         self, contacts: Contacts, samples: IntArray, progress: Callable[[int], None]
     ) -> tuple[LearnedEnergy, Sampled, bool]:
         """The energy of samples (n,), these under it, and whether it has converged."""
-        learned = LearnedEnergy.of((*np.zeros(N_COEFFICIENTS), _START))
+        learned = LearnedEnergy.of((_START,))
         for left in reversed(range(ITERATIONS)):
             found = contacts.at(samples, learned, progress)
             after = self.iteration(found, learned)
@@ -203,19 +197,17 @@ class _Fit:
 
     def iteration(self, sampled: Sampled, learned: LearnedEnergy) -> _Iteration:
         """From an energy and samples under it."""
-        normal, right, total = np.zeros((N_PARAMETERS, N_PARAMETERS)), np.zeros(N_PARAMETERS), 0.0
+        normal = right = total = 0.0
         for kind in self.labels:
             true, slopes = sampled.truth[kind], sampled.slopes[kind]
             miss = true - sampled.found[kind]
             off = np.linalg.norm(miss, axis=1)
             weight = np.minimum(1.0, _HUBER * np.median(off) / np.maximum(off, 1e-30))
             weight /= np.square(true).sum(axis=1).mean()
-            normal += np.einsum("s,sfk,sfl->kl", weight, slopes, slopes)
-            right += np.einsum("s,sfk,sf->k", weight, slopes, miss)
+            normal += float(weight @ np.square(slopes).sum(axis=1))
+            right += float(weight @ (slopes * miss).sum(axis=1))
             total += float(weight @ off**2)
-        ridge = _RIDGE * np.diag(np.diag(normal)) + 1e-12 * np.trace(normal) * np.eye(N_PARAMETERS)
-        change, right = np.zeros(N_PARAMETERS), right - ridge @ np.array(learned.values)
-        change[self.free] = np.linalg.solve((normal + ridge)[np.ix_(self.free, self.free)], right[self.free])
-        *coefficients, growth = np.array(learned.values) + change
-        after = LearnedEnergy.of((*map(float, coefficients), float(np.clip(growth, LEAST, MOST))))
-        return _Iteration(after, float(right @ change) / max(total, 1e-300))
+        right -= _RIDGE * normal * learned.growth
+        change = right / max((1.0 + _RIDGE) * normal, _TINY)
+        after = LearnedEnergy.of((min(max(learned.growth + change, LEAST), MOST),))
+        return _Iteration(after, right * change / max(total, _TINY))

@@ -1,19 +1,9 @@
-"""Solved contacts at samples of a truth, with the derivatives of forces and energy by the parameters of the energy.
+"""Solved contacts at samples of a truth, with the derivatives of forces and energy by b.
 
-Condensed contact with parameters p = (c, b) gives W~ = W exp[b eta(chi)] with eta = log(1 + chi)
-(`runtime/contact/learned_energy/`), and
+Condensed contact gives W~ = W exp(sigma + b eta(chi)) with eta = log(1 + chi) (`runtime/contact/learned_energy/`), and
+nothing that is solved depends on b. So with h~ = dW~/dq
 
-    h~ = W~/W h + W~ b eta' dchi/dq.
-
-Their derivatives follow from one contact solve,
-
-    dW/dc = -sum_j e_j dtheta_j/dc,    e_j = f_j . u_j,
-    dh/dc = c_q^T D (I + G_w D)^-1 c_c - dphi_q^T G dphi_c
-            - sum_j [ f_j . (dA_j v_j) dtheta_j/dc + e_j d2theta_j/dq dc ],
-
-in the symbols of `runtime/contact/linearised/linearised_contact.py`, with c_c = u dtheta/dc + A G dphi_c and dphi_c =
-phi dtheta/dc. chi changes by dchi/dc = -sum_j [ lambda_j . u_j + mu_j . phi_j ] dtheta_j/dc (`hardened_contact.py`);
-that dchi/dq changes with c, too, is left out.
+    dW~/db = eta W~,    dh~/db = eta h~ + W~ eta' dchi/dq.
 """
 
 from __future__ import annotations
@@ -26,12 +16,9 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
-from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
+from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.frame_points import FramePoints
-from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
-from softprint.runtime.contact.learned_energy.hardened_contact import excess_response, measure_slopes
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy, hardening
-from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.errors import SoftprintError
@@ -40,7 +27,6 @@ from softprint.runtime.truth.truth_file import TruthData
 
 #: The kinds of residuals: forces on the handles, the force on the collider, and the energy.
 LABELS = ("handles", "collider", "energy")
-N_PARAMETERS = N_COEFFICIENTS + 1
 
 
 class TouchingSample(NamedTuple):
@@ -54,9 +40,9 @@ class TouchingSample(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """s samples, by kind: what is true, what is found (s, n_k), and its derivatives by the parameters (s, n_k,
-    N_PARAMETERS); contacts: (s,) each sample's contact in the truth; its depths share one; on_frames: (s,) whether the
-    collider presses a rigid frame, whose force no energy of a dent has."""
+    """s samples, by kind: what is true, what is found, and its derivatives by b (s, n_k); contacts: (s,) each
+    sample's contact in the truth; its depths share one; on_frames: (s,) whether the collider presses a rigid frame,
+    whose force no energy of a dent has."""
 
     samples: IntArray
     contacts: IntArray
@@ -155,10 +141,7 @@ class SampledContacts:
                 if solved is None or not len(solved.active):
                     continue
                 found = probe.evaluation(solved)
-                contact, own = found.contact, found.excess
-                assert contact is not None  # some points are active
-                assert own is not None
-                by_energy, by_force = by_parameters(contact, learned, own)
+                by_energy, by_force = by_growth(found)
                 h, true = found.gradient, truth.contact_handle_force(sample)
                 columns = {
                     "handles": self._compared(rows, true, h, by_force),
@@ -166,7 +149,7 @@ class SampledContacts:
                     "energy": (
                         np.array([truth.contact_energy(sample)]),
                         np.array([found.energy]),
-                        by_energy[None],
+                        np.array([by_energy]),
                     ),
                 }
                 at = rows, collider, truth.approach_path(sample)[-1]
@@ -180,14 +163,12 @@ class SampledContacts:
 
     def _compared(self, rows: Array, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """Along the coordinates of the handles."""
-        along = [
-            self._handles.along(rows, np.ascontiguousarray(slope)) for slope in np.moveaxis(slopes, -1, 0)
-        ]
-        return self._handles.along(rows, true), self._handles.along(rows, found), np.stack(along, axis=1)
+        true, found, slopes = (self._handles.along(rows, force) for force in (true, found, slopes))
+        return true, found, slopes
 
     def _summed(self, true: Array, found: Array, slopes: Array) -> tuple[Array, Array, Array]:
         """The force on the body."""
-        return self._origins @ true, self._origins @ found, np.einsum("r,rak->ak", self._origins, slopes)
+        return self._origins @ true, self._origins @ found, self._origins @ slopes
 
     def _solved(self, probe: ContactStateProbe, sample: int, rows: Array) -> SolvedContact | None:
         poses, solved = self._truth.approach_path(sample), self._last.get(sample)
@@ -198,46 +179,10 @@ class SampledContacts:
         return solved
 
 
-def by_parameters(
-    contact: LinearisedContact, learned: LearnedEnergy, excess: DentExcess
-) -> tuple[Array, Array]:
-    """dW~/dp (N_PARAMETERS,) [J] and dh~/dp (n_rows, dim, N_PARAMETERS) [N] of a contact with active points and its
-    excess."""
-    W, h, eta = contact.solved.solution.energy, contact.gradient, hardening(excess.value)
-    response = excess_response(contact, excess)
-    terms, r = learned.terms(W, excess.value), measure_slopes(contact, response)[:, 1].reshape(h.shape)
-    energy, force, of_excess = _by_coefficients(contact, learned.scale, response)
-    _, rate = terms.slope / terms.value
-    found = terms.value * (h / W + rate * r)
-    by_excess = terms.curvature[0, 1] / W * h + terms.curvature[1, 1] * r
-    by_energy = terms.value * np.concatenate([energy / W + rate * of_excess, [eta.value]])
-    by_scale = terms.value / W * (force.reshape(*h.shape, -1) + rate * r[..., None] * energy)
-    by_scale = by_scale + by_excess[..., None] * of_excess
-    by_growth = eta.value * found + terms.value * eta.slope * r
-    return by_energy, np.concatenate([by_scale, by_growth[..., None]], axis=2)
-
-
-def _by_coefficients(
-    contact: LinearisedContact, scale: ComplianceScale, response: tuple[Array, Array]
-) -> tuple[Array, Array, Array]:
-    """dW/dc (N_COEFFICIENTS,), dh/dc (R, N_COEFFICIENTS) and dchi/dc (N_COEFFICIENTS,). response: lambda and mu."""
-    solved, points, factor = contact.solved, contact.points, contact.factor
-    b, index = solved.solution.active, solved.active
-    u, phi, f = solved.solution.displacement[b], solved.rest_force, solved.solution.force[b]
-    by_theta, by_slope = scale.by_coefficients(
-        points.deformation(solved.rows, index), points.surface_normals(index)
-    )
-    k, dim = u.shape
-    phi_c = (phi[..., None] * by_theta[:, None]).reshape(k * dim, -1)
-    c_c = (u[..., None] * by_theta[:, None]).reshape(k * dim, -1)
-    c_c = c_c + factor.to_world(factor.rest_displacement(phi_c))
-    stretch, _ = contact.carrier_motion(f, solved.solution.rest_displacement[b])
-    along = np.einsum("ka,kar->kr", f, stretch.reshape(k, dim, -1))  # f . dA v
-    gradient = contact.derivatives.basis_gradient
-    mixed = np.einsum("kcab,krb->kcra", by_slope, gradient).reshape(k, N_COEFFICIENTS, -1)  # d2theta/dq dc
-    work = (f * u).sum(axis=1)
-    force = contact.motions.reaction.T @ c_c - contact.motions.displacement.T @ phi_c
-    force = force - along.T @ by_theta - np.einsum("k,kcr->rc", work, mixed)
-    forces, moved = (part.reshape(k, dim) for part in response)
-    of_excess = (forces * u).sum(axis=1) + (moved * phi).sum(axis=1)
-    return -work @ by_theta, np.asarray(force), -of_excess @ by_theta
+def by_growth(found: ContactEvaluation) -> tuple[float, Array]:
+    """dW~/db [J] and dh~/db (n_rows, dim) [N] of a contact with active points under an energy."""
+    assert found.hardened is not None
+    assert found.measures is not None
+    eta, W = hardening(found.measures.excess), found.energy
+    by_force = eta.value * found.gradient + W * eta.slope * found.hardened.excess_slope
+    return float(eta.value * W), by_force

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from softprint.surrogate.force.energy_gain import gain_of
-from softprint.surrogate.force.sampled_contacts import LABELS, N_PARAMETERS, Sampled
+from softprint.surrogate.force.sampled_contacts import LABELS, Sampled
 
 CONTACTS, DEPTHS = 40, 5
 ALL = np.arange(CONTACTS * DEPTHS)
@@ -14,7 +14,7 @@ def sampled(missed):
     """Samples whose forces are off by (contacts, depths); all that is true is one."""
     true = {kind: np.ones((len(ALL), 1)) for kind in LABELS}
     found = {kind: values + missed.reshape(-1, 1) for kind, values in true.items()}
-    slopes = {kind: np.zeros((len(ALL), 1, N_PARAMETERS)) for kind in LABELS}
+    slopes = {kind: np.zeros((len(ALL), 1)) for kind in LABELS}
     return Sampled(ALL, np.repeat(np.arange(CONTACTS), DEPTHS), true, found, slopes, np.full(len(ALL), False))
 
 

@@ -1,4 +1,4 @@
-"""Compiled kernels of the rotations at points and of their first derivatives (`point_rotations.py`, `carriers.py`)."""
+"""Compiled kernels of the rotations at points and of their first derivatives (`point_rotations.py`)."""
 
 from __future__ import annotations
 
@@ -76,29 +76,24 @@ def stretches(R: Array, F: Array, least: float) -> tuple[Array, Array]:
     return S, inverse
 
 
-def _by_turned(R: Array, inverse: Array, scale: Array, slope: Array, moments: Array) -> Array:
+def _by_turned(R: Array, inverse: Array, moments: Array) -> Array:
     T = R[:, None] @ GENERATORS[R.shape[1]]
-    turned = np.einsum("mkcd,mkl,mlab,mab->mcd", T, inverse, T, moments)
-    work = np.einsum("m,mab,mab->m", scale, R, moments)
-    return scale[:, None, None] * turned + work[:, None, None] * slope
+    return np.einsum("mkcd,mkl,mlab,mab->mcd", T, inverse, T, moments)
 
 
 @compiled(reference=_by_turned)
-def pulled_back(R: Array, inverse: Array, scale: Array, slope: Array, moments: Array) -> Array:
-    """d(M : s R)/dF (m, dim, dim) of moments M, with K^-1 (m, n, n), s (m,) and dtheta/dF (m, dim, dim), where s = exp
-    theta."""
+def pulled_back(R: Array, inverse: Array, moments: Array) -> Array:
+    """d(M : R)/dF (m, dim, dim) of moments M, with K^-1 (m, n, n)."""
     m, dim, _ = R.shape
     n = 1 if dim == 2 else 3
     found, B, Pi = np.empty(R.shape), np.empty((dim, dim)), np.empty((dim, dim))
     turned, p = np.empty(n), np.empty(n)
     for j in range(m):
-        work = 0.0
         for a in range(dim):
             for b in range(dim):
                 B[a, b] = 0.0
                 for c in range(dim):
                     B[a, b] += R[j, c, a] * moments[j, c, b]
-            work += B[a, a]
         # E_k : R^T M, and Pi = sum_k p_k E_k; the generator k of a rotation turns axis r to axis s.
         for k in range(n):
             r, s = (0, 1) if n == 1 else ((k + 1) % 3, (k + 2) % 3)
@@ -115,5 +110,5 @@ def pulled_back(R: Array, inverse: Array, scale: Array, slope: Array, moments: A
                 along = 0.0
                 for c in range(dim):
                     along += R[j, a, c] * Pi[c, b]
-                found[j, a, b] = scale[j] * (along + work * slope[j, a, b])
+                found[j, a, b] = along
     return found

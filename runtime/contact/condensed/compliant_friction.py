@@ -33,7 +33,7 @@ import numpy as np
 import scipy.linalg
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.carriers.carriers import pulled_back_along
+from softprint.runtime.contact.carriers.point_rotations import pulled_back_along
 from softprint.runtime.contact.friction import FrictionTerms
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
 from softprint.runtime.lazy import lazy

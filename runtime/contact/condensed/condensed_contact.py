@@ -24,7 +24,7 @@ from softprint.runtime.contact.condensed.contact_evaluation import ContactEvalua
 from softprint.runtime.contact.condensed.contact_group import ContactGroup
 from softprint.runtime.contact.condensed.near_colliders import NearColliders
 from softprint.runtime.contact.condensed.pushed_points import with_pushed_in
-from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
+from softprint.runtime.contact.dents.dent_measures import DentCells
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.penalty import PenaltyContact
@@ -57,8 +57,8 @@ class CondensedContact:
     """The contact of one body with colliders, by name. loaded: where contact acts on the facets; nodes: (n_contact,)
     mesh indices of the contact nodes; points and compliance: of the points on the facets; stiffness: a k (n,) [N/m^2]
     of these, and of those that sharp points of the colliders press; sharp: searches for the latter, None where no
-    collider has any; learned: None for the energy of linear mechanics; strain: of the body by contact
-    forces, None where nothing is learned."""
+    collider has any; learned: None for the energy of linear mechanics; dent_cells: in which dents are measured, None
+    where nothing is learned."""
 
     loaded: LoadedPoints
     nodes: IntArray
@@ -69,7 +69,7 @@ class CondensedContact:
     searches: Mapping[str, CandidateSearch]
     sharp: SharpSearch | None
     learned: LearnedEnergy | None
-    strain: DentStrain | None
+    dent_cells: DentCells | None
     _last: list[AllPoints] = field(default_factory=list, repr=False)
 
     @classmethod
@@ -86,7 +86,6 @@ class CondensedContact:
         """law: contact is at the contact nodes, or on the facets between them; band: [m], see `CandidateSearch`;
         learned: None for the energy of linear mechanics; internal: correction of the body. Raises SoftprintError for
         mechanics without surface compliance."""
-        scale = None if learned is None else learned.scale
         compliance = mechanics.surface_compliance
         loaded = LoadedPoints.of_compliance(body, compliance, law.reduced_points)
         of_nodes = LocalCompliance(compliance.among_nodes())
@@ -95,11 +94,11 @@ class CondensedContact:
         if known:
             owner = owners(body, compliance.nodes)
             corners = np.unique(bearing_facets(body.mesh.facets, owner))
-            points = ContactPoints.of(body, loaded, mechanics.condensation, corners, scale, internal)
+            points = ContactPoints.of(body, loaded, mechanics.condensation, corners, internal)
             sharp = SharpSearch(body, known, owner, of_nodes, points, corners)
             stiffness = np.concatenate([stiffness, law.stiffness * sharp.areas])
         else:
-            points = ContactPoints.of(body, loaded, mechanics.condensation, None, scale, internal)
+            points = ContactPoints.of(body, loaded, mechanics.condensation, None, internal)
         return cls(
             loaded,
             compliance.nodes,
@@ -110,7 +109,7 @@ class CondensedContact:
             {name: CandidateSearch(collider, band) for name, collider in colliders.items()},
             sharp,
             learned,
-            None if learned is None else DentStrain.of(body, compliance),
+            None if learned is None else DentCells.of(body, mechanics),
         )
 
     @property
@@ -129,14 +128,10 @@ class CondensedContact:
         together = self.all_points(solved.pressed)
         return WarmStart(solved, together.compliance, together.stiffness, frame)
 
-    def node_forces(self, solved: SolvedContact) -> tuple[IntArray, Array]:
-        """The contact nodes (k,), ascending, that bear the forces of a solved contact, and these forces (k, dim) [N],
-        in rest coordinates."""
-        return self.all_points(solved.pressed).loaded.to_nodes(solved.active, solved.rest_force)
-
-    def drawn_forces(self, solved: SolvedContact, which: BoolArray | None = None) -> tuple[IntArray, Array]:
-        """The same for `SolvedContact.drawn_force`, of some of its active points (m,), all by default."""
-        index, force = solved.active, solved.drawn_force
+    def node_forces(self, solved: SolvedContact, which: BoolArray | None = None) -> tuple[IntArray, Array]:
+        """The contact nodes (k,), ascending, that bear the forces of a solved contact, of some of its active points
+        (m,), all by default, and these forces (k, dim) [N], in rest coordinates."""
+        index, force = solved.active, solved.rest_force
         if which is not None:
             index, force = index[which], force[which]
         return self.all_points(solved.pressed).loaded.to_nodes(index, force)
@@ -194,7 +189,7 @@ class CondensedContact:
             contact = LinearisedContact(start, every, tuple(colliders))
         names = tuple(self.searches)
         return ContactEvaluation(
-            loaded, self.nodes, points, every, rows, names, contact, self.learned, self.strain
+            loaded, self.nodes, points, every, rows, names, contact, self.learned, self.dent_cells
         )
 
     def _solve(
@@ -313,5 +308,5 @@ class CondensedContact:
         return self.sharp.find(points, solved.rows, poses, x, self._dent(solved))
 
     def _dent(self, solved: SolvedContact) -> Dent:
-        nodes, forces = self.drawn_forces(solved)
+        nodes, forces = self.node_forces(solved)
         return Dent(nodes, forces, self.of_nodes.farthest(nodes, forces) if len(nodes) else 0.0)

@@ -162,11 +162,8 @@ class CondensedFrictionEvaluation:
         index = np.concatenate([own.index for own in touched.values()])
         loads = [self.settled[name].rest_forces for name in touched]
         order = np.argsort(index)
-        solved, rest = contact.solved, np.concatenate(loads)[order]
-        at = np.searchsorted(solved.index, index[order])
-        both = np.hstack([rest, solved.scale[at, None] * rest])
-        nodes, onto = contact.start.compliance.on_nodes(index[order], both)
-        return FrictionForces(nodes, *np.hsplit(onto, 2))
+        on_nodes = contact.start.compliance.on_nodes(index[order], np.concatenate(loads)[order])
+        return FrictionForces(*on_nodes)
 
     @property
     def _touched(self) -> dict[str, SlidingPoints]:

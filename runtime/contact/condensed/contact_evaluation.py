@@ -12,8 +12,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray, RowHessian
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
 from softprint.runtime.contact.contact_force import ContactForce, FrictionForces, SurfaceForces, resultant
-from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
-from softprint.runtime.contact.learned_energy.dent_strain import DentStrain
+from softprint.runtime.contact.dents.dent_measures import DentCells, DentMeasures
 from softprint.runtime.contact.learned_energy.hardened_contact import HardenedContact, PointForces
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
@@ -60,7 +59,7 @@ class ContactEvaluation:
     nodes in the mesh; points: the contact points on the facets; every: with those that sharp points of the colliders
     press, as loaded; contact: None where the body touches no collider; learned: None for the energy of linear
     mechanics, see `LearnedEnergy`, by which energy, gradient, Hessian and forces differ from those of `contact`;
-    strain: of the body by contact forces, None where nothing is learned."""
+    dent_cells: in which dents are measured, None where nothing is learned."""
 
     loaded: LoadedPoints
     nodes: IntArray
@@ -70,7 +69,7 @@ class ContactEvaluation:
     colliders: tuple[str, ...]
     contact: LinearisedContact | None
     learned: LearnedEnergy | None
-    strain: DentStrain | None
+    dent_cells: DentCells | None
 
     @property
     def solved(self) -> SolvedContact | None:
@@ -92,21 +91,21 @@ class ContactEvaluation:
         """W [J]."""
         if self.contact is None:
             return 0.0
-        return self.contact.solved.solution.energy if self._hardened is None else self._hardened.energy
+        return self.contact.solved.solution.energy if self.hardened is None else self.hardened.energy
 
     @property
     def gradient(self) -> Array:
         """dW/drows (n_rows, dim) [N]."""
         if self._active is None:
             return np.zeros_like(self.rows)
-        return self._active.gradient if self._hardened is None else self._hardened.gradient
+        return self._active.gradient if self.hardened is None else self.hardened.gradient
 
     @property
     def hessian(self) -> RowHessian | None:
         """d2W/drows2, computed when called; None where no point is active."""
         if self._active is None:
             return None
-        return self._active.hessian if self._hardened is None else self._hardened.hessian
+        return self._active.hessian if self.hardened is None else self.hardened.hessian
 
     def longest(self, change: Array) -> float:
         """1, or the share of a change of the rows (n_rows, dim) by which points in contact move just so far that their
@@ -126,20 +125,21 @@ class ContactEvaluation:
         return None if contact is None or not contact.solved.solution.active.size else contact
 
     @lazy
-    def _hardened(self) -> HardenedContact | None:
+    def hardened(self) -> HardenedContact | None:
         """The contact under the learned energy; None where it is that of mechanics."""
-        contact, excess = self._active, self.excess
-        if contact is None or self.learned is None or excess is None:
+        contact, measures = self._active, self.measures
+        if contact is None or self.learned is None or measures is None:
             return None
-        return HardenedContact(contact, self.learned, excess)
+        return HardenedContact(contact, self.learned, measures)
 
     @lazy
-    def excess(self) -> DentExcess | None:
-        """That of the dent; None where no point is active, or nothing is learned."""
-        contact = self._active
-        if contact is None or self.strain is None:
+    def measures(self) -> DentMeasures | None:
+        """Those of the dent; None where no point is active, or nothing is learned."""
+        contact, cells = self._active, self.dent_cells
+        if contact is None or cells is None:
             return None
-        return DentExcess.of(self.strain, self.loaded, contact.solved.active, contact.solved.rest_force)
+        solved, frame_rows = contact.solved, self.points.frame_rows
+        return cells.measures(self.loaded, solved.active, solved.rest_force, self.rows, frame_rows)
 
     def active_points(self, name: str) -> ActivePoints:
         """The active points in contact with one collider."""
@@ -153,7 +153,7 @@ class ContactEvaluation:
                 NodalCompliance.at_nodes(np.empty((0, 0)), dim), vectors, by_rows, gradient
             )
             return ActivePoints(index, vectors, vectors, scalars, scalars, lambda: nothing)
-        solved, hardened = contact.solved, self._hardened
+        solved, hardened = contact.solved, self.hardened
         b = solved.solution.active[owned]
         forces = PointForces(solved.solution.pressure[b])
         if hardened is not None:
@@ -215,7 +215,7 @@ class ContactEvaluation:
             if mine.any()
         }
         pairs = [(one, other) for one in touched for other in touched if one < other]
-        of = self._hardened
+        of = self.hardened
         if of is None:
             couplings = [Coupling(name, own.gradient, own.blocks) for name, own in touched.items()]
             return couplings, [

@@ -48,9 +48,9 @@ class DrawnContact:
         mine = np.zeros(len(solved.active), dtype=np.bool_)
         for name in self._names:
             mine |= solved.owned_by(name)
-        parts = [self._contact.drawn_forces(solved, mine)] if mine.any() else []
+        parts = [self._contact.node_forces(solved, mine)] if mine.any() else []
         if friction is not None:
-            parts.append((friction.nodes, friction.drawn))
+            parts.append(friction)
         if not parts:
             return np.zeros(self._shape)
         nodes, forces = map(np.concatenate, zip(*parts, strict=True))

@@ -58,7 +58,7 @@ def _onto_facets(
 ) -> dict[str, Candidates]:
     """The candidates on facets of those of the further colliders that a dent pushes points into, by name. bearing: (k,)
     the points that bear the forces of the dent."""
-    farthest = group.every.points.largest_scale * group.together.compliance.farthest(*dent)
+    farthest = group.together.compliance.farthest(*dent)
     found = {}
     for name in further:
         index, distance, x = group.colliders.closer(name, farthest)

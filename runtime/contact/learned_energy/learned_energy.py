@@ -1,17 +1,18 @@
 """The learned energy of condensed contact: how it departs from that of linear mechanics, for any collider.
 
 Linear mechanics gives the energy W of a contact and of its dent as a function of the handle rows and the poses
-(`runtime/contact/linearised/`). It is corrected twice. The compliance is scaled by the strain of the body
-(`runtime/contact/carriers/compliance_scale.py`), which changes W. And the body hardens as its dent grows, for which the
-excess chi of the dent (`dent_excess.py`) is the measure:
+(`runtime/contact/linearised/`). Two measures of the dent correct it (`runtime/contact/dents/dent_measures.py`): the
+strain that the body has without the dent makes the flesh there stiffer or softer, by sigma; and the body hardens as its
+dent grows, by the excess chi,
 
-    W~ = W (1 + chi)^b.
+    W~ = W exp(sigma) (1 + chi)^b.
 
-The material and linear mechanics give chi; only how much of it counts, b, is learned, so that it holds for dents much
-deeper than those of training. The smaller a dent is, the nearer is its energy to that of linear mechanics; with
-exp(b chi) shallow dents would be too stiff where deep ones are right (docs/method.md, the learned energy). Contacts
-that lie apart are dents of their own, with energies that add up.
-Derivatives of W~ by W and chi are in closed form, so that forces are exact, whatever the solve depends on
+The material and linear mechanics give both measures. That sigma counts once is what a strain does to first order; only
+how much of the excess counts, b, is learned, so that it holds for dents much deeper than those of training. The smaller
+a dent is, the nearer is its energy to that of linear mechanics in the strained body; with exp(b chi) shallow dents
+would be too stiff where deep ones are right (docs/method.md, the learned energy). Contacts that lie apart are dents of
+their own, with energies that add up.
+Derivatives of W~ by W and the measures are in closed form, so that forces are exact, whatever the solve depends on
 (`hardened_contact.py`).
 """
 
@@ -23,11 +24,10 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.carriers.compliance_scale import N_COEFFICIENTS, ComplianceScale
-from softprint.runtime.contact.learned_energy.continued_logarithm import ContinuedLogarithm
+from softprint.runtime.contact.dents.ratio_functions import RatioFunction, continued_logarithm
 
 #: The number of values of `LearnedEnergy.values`.
-N_VALUES = N_COEFFICIENTS + 1
+N_VALUES = 1
 #: The least and the largest b. From the least on W~ grows with the dent: chi grows by at most 10 d|H|/|H|, as no solid
 #: here has an energy of more than the twelfth power of H where that is large, and W grows with H^2 at least. At the
 #: largest nothing relaxes that linear mechanics displaces too much.
@@ -35,58 +35,58 @@ LEAST, MOST = -0.2, 1.0
 
 
 class EnergyTerms(NamedTuple):
-    """W~ [J], and its derivatives by the measures (log W, chi) (2,), (2, 2) [J]."""
+    """W~ [J], and its derivatives by (log W, sigma, chi) (3,), (3, 3) [J]."""
 
     value: float
     slope: Array
     curvature: Array
 
 
-def hardening(excess: float) -> ContinuedLogarithm:
-    """eta = log(1 + chi) and its derivatives, see `ContinuedLogarithm`."""
-    return ContinuedLogarithm.of(np.asarray(excess))
+def hardening(excess: float) -> RatioFunction:
+    """eta = log(1 + chi) and its derivatives, see `continued_logarithm`."""
+    return continued_logarithm(np.asarray(excess))
 
 
 @dataclass(frozen=True)
 class LearnedEnergy:
-    """scale: of the compliance; growth: b of the module; ratio: to the energy of the module, one but where hardening is
-    `held`."""
+    """growth: b of the module. Of mechanics, or `held`, are energies that sigma does not count in, with a ratio to that
+    of linear mechanics."""
 
-    scale: ComplianceScale
     growth: float
     ratio: float = 1.0
+    is_proportional: bool = False
 
     @classmethod
     def of_mechanics(cls) -> LearnedEnergy:
         """W~ = W: that of linear mechanics."""
-        return cls(ComplianceScale((0.0,) * N_COEFFICIENTS), 0.0)
+        return cls(0.0, is_proportional=True)
 
     @classmethod
     def of(cls, values: tuple[float, ...]) -> LearnedEnergy:
         """From `values`. Raises ValueError where they are not of an energy that grows with that of mechanics."""
         if len(values) != N_VALUES or not np.isfinite(values).all():
-            raise ValueError(f"a learned energy has {N_VALUES} finite values, not {values}")
-        *coefficients, growth = values
+            raise ValueError(f"a learned energy has {N_VALUES} finite value, not {values}")
+        (growth,) = values
         if not LEAST <= growth <= MOST:
             raise ValueError(
                 f"a learned energy with b = {growth:g} does not grow: it needs {LEAST:g} <= b <= {MOST:g}"
             )
-        return cls(ComplianceScale(tuple(coefficients)), growth)
+        return cls(growth)
 
     @property
     def values(self) -> tuple[float, ...]:
-        """The coefficients of the scale, and b (N_VALUES,)."""
-        return *self.scale.coefficients, self.growth
+        """b (N_VALUES,)."""
+        return (self.growth,)
 
     def held(self, ratio: float) -> LearnedEnergy:
-        """W~ = ratio W, with the same scale."""
-        return LearnedEnergy(self.scale, 0.0, ratio)
+        """W~ = ratio W."""
+        return LearnedEnergy(0.0, ratio, is_proportional=True)
 
-    def terms(self, energy: float, excess: float) -> EnergyTerms:
-        """W~ at an energy W [J] of mechanics and an excess chi."""
-        eta = hardening(excess)
-        value = self.ratio * energy * float(np.exp(self.growth * eta.value))
-        slope = np.array([1.0, self.growth * eta.slope])
+    def terms(self, energy: float, stiffening: float, excess: float) -> EnergyTerms:
+        """W~ at an energy W [J] of mechanics, and the measures sigma and chi."""
+        eta, counted = hardening(excess), 0.0 if self.is_proportional else 1.0
+        value = self.ratio * energy * float(np.exp(counted * stiffening + self.growth * eta.value))
+        slope = np.array([1.0, counted, self.growth * float(eta.slope)])
         curvature = np.outer(slope, slope)
-        curvature[1, 1] += self.growth * eta.bend
+        curvature[2, 2] += self.growth * eta.bend
         return EnergyTerms(value, value * slope, value * curvature)

@@ -26,7 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.carriers.carriers import Carriers, carried_along, pulled_back_along
+from softprint.runtime.contact.carriers.point_rotations import (
+    PointRotations,
+    carried_along,
+    pulled_back_along,
+)
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.solver.candidates import PointDistance, PosedCollider
 from softprint.runtime.contact.solver.contact_points import CorotatedPoints, PointMotion
@@ -137,7 +141,7 @@ class LinearisedContact:
         return np.asarray(v + self.points.given_displacement(self.solved.active))
 
     @lazy
-    def carriers(self) -> Carriers:
+    def carriers(self) -> PointRotations:
         """A of the active points, with its derivatives."""
         return self.points.carrier_derivatives(self.solved.rows, self.solved.active)
 

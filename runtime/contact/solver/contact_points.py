@@ -21,8 +21,6 @@ from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.material_points import MaterialPoints
 from softprint.runtime.body.rotations import nearest_rotations
-from softprint.runtime.contact.carriers.carriers import Carriers
-from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.carriers.point_rotations import PointRotations
 from softprint.runtime.contact.solver import contact_point_kernels as kernels
 from softprint.runtime.contact.solver.contact_solve_kernels import to_world
@@ -51,20 +49,17 @@ class PointMotion:
 
 class ContactPoints:
     """Material points of a body that may touch a collider, n of them. condensation: of these points, None for a body
-    without static condensation; scale: of the compliance there, None for 1; internal: correction of these points, None
-    for a body without one; bearing: contact nodes (n, c) and shares (n, c), see `LoadedPoints`, None where nothing
-    gives way."""
+    without static condensation; internal: correction of these points, None for a body without one; bearing: contact
+    nodes (n, c) and shares (n, c), see `LoadedPoints`, None where nothing gives way."""
 
     def __init__(
         self,
         material: MaterialPoints,
         condensation: PointCondensation | None,
-        scale: ComplianceScale | None = None,
         internal: InternalPoints | None = None,
         bearing: tuple[IntArray, Array] | None = None,
     ) -> None:
-        self.material, self.condensation, self.scale, self.internal = material, condensation, scale, internal
-        self.bearing = bearing
+        self.material, self.condensation, self.internal, self.bearing = material, condensation, internal, bearing
         self.basis_gradients = np.ascontiguousarray(material.basis_gradient.transpose(0, 2, 1))
 
     @classmethod
@@ -74,7 +69,6 @@ class ContactPoints:
         loaded: LoadedPoints,
         condensation: StaticCondensation | None,
         nodes: IntArray | None = None,
-        scale: ComplianceScale | None = None,
         internal: InternalField | None = None,
     ) -> ContactPoints:
         """The loaded points of a body; condensation: of all its nodes; nodes: see `PointCondensation.at`."""
@@ -82,15 +76,9 @@ class ContactPoints:
         return cls(
             loaded.material(body),
             None if condensation is None else PointCondensation.at(body, condensation, *at),
-            scale,
             None if internal is None else InternalPoints.at(internal, *at),
             (loaded.nodes, loaded.shares),
         )
-
-    @property
-    def largest_scale(self) -> float:
-        """That of the compliance [1], at any deformation."""
-        return 1.0 if self.scale is None else self.scale.largest
 
     def in_frame(self, frame_rows: Array) -> CorotatedPoints:
         """In the corotated frame of a step that starts at frame rows (n_rows, dim)."""
@@ -146,15 +134,11 @@ class CorotatedPoints:
 
     def carriers(self, rows: Array, index: IntArray) -> Array:
         """A (m, dim, dim) of some of the points (m,) at handle rows (n_rows, dim)."""
-        F, scale = self.deformation(rows, index), self.points.scale
-        R = nearest_rotations(F)
-        return R if scale is None else R * scale.scale(F, self.surface_normals(index))[:, None, None]
+        return nearest_rotations(self.deformation(rows, index))
 
-    def carrier_derivatives(self, rows: Array, index: IntArray) -> Carriers:
+    def carrier_derivatives(self, rows: Array, index: IntArray) -> PointRotations:
         """A and its derivatives at some of the points (m,)."""
-        F, scale = self.deformation(rows, index), self.points.scale
-        scaled = None if scale is None else scale.derivatives(F, self.surface_normals(index))
-        return Carriers(PointRotations(F), scaled)
+        return PointRotations(self.deformation(rows, index))
 
     def surface_normals(self, index: IntArray) -> Array:
         """N (m, dim) of some of the points (m,), at rest."""
@@ -175,7 +159,7 @@ class CorotatedPoints:
             else:
                 x, reach = self._bounded(rows)
             if self.given is not None:
-                reach = reach + self.given.farthest * self.points.largest_scale
+                reach = reach + self.given.farthest
             last = rows, x if internal is None else x + internal.displacement(rows), reach
             self._last[:] = [last]
         return last[1:]

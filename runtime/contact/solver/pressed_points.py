@@ -19,7 +19,6 @@ import numpy as np
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.material_points import MaterialPoints
-from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.solver.contact_points import ContactPoints, CorotatedPoints, PointMotion
 from softprint.runtime.contact.solver.internal_points import InternalMotion, InternalPoints
 from softprint.runtime.contact.solver.planes import Planes
@@ -138,13 +137,11 @@ class CorotatedPressedPoints(CorotatedPoints):
 @dataclass(frozen=True, eq=False)
 class SurfaceNodes:
     """The nodes of the surface of a body, of which pressed points are weighted means. nodes: (k,) of the mesh,
-    ascending; material: these; condensation, internal: of these, None for a body without; scale: of the compliance, see
-    `ContactPoints`."""
+    ascending; material: these; condensation, internal: of these, None for a body without."""
 
     nodes: IntArray
     material: MaterialPoints
     condensation: PointCondensation | None
-    scale: ComplianceScale | None
     internal: InternalPoints | None
 
     def pressed(self, pressed: PressedPoints) -> ContactPoints:
@@ -160,4 +157,4 @@ class SurfaceNodes:
         if internal is not None:
             internal = replace(internal, corners=at, weights=pressed.weights)
         bearing = pressed.nodes, pressed.shares
-        return ContactPoints(material, condensation, self.scale, internal, bearing)
+        return ContactPoints(material, condensation, internal, bearing)

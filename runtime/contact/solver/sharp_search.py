@@ -145,7 +145,7 @@ class SharpSearch:
         mesh = body.mesh
         self.areas = np.concatenate([sharp.spacing for sharp in colliders]) ** (mesh.dim - 1)
         self.surface = SurfaceNodes(
-            nodes, body.node_points(nodes), points.condensation, points.scale, points.internal
+            nodes, body.node_points(nodes), points.condensation, points.internal
         )
         self._gradients = np.ascontiguousarray(self.surface.material.basis_gradient.transpose(0, 2, 1))
         self._owner, self._compliance, self._spacing = owner[nodes], compliance, mesh.surface_spacing

@@ -72,17 +72,6 @@ class SolvedContact:
         b, solution = self.solution.active, self.solution
         return kernels.pulled_back(self.carriers[b], solution.pressure[b], solution.normal[b])
 
-    @lazy
-    def scale(self) -> Array:
-        """s (m,) of the compliance of these points: A is s times a rotation."""
-        return np.asarray(np.sqrt(np.square(self.carriers).sum(axis=(1, 2)) / self.carriers.shape[1]))
-
-    @property
-    def drawn_force(self) -> Array:
-        """The forces (k, dim) [N], in rest coordinates, that displace the body as the active points are displaced where
-        nothing is scaled, u_X = R_X G_Xj f_j: what the body is drawn with."""
-        return self.scale[self.solution.active, None] * self.rest_force
-
     def owned_by(self, name: str) -> BoolArray:
         """(k,) which of the active points touch the collider."""
         if name not in self.near:

@@ -89,12 +89,10 @@ class ContactMeasurement:
         points, own = self._near(solved), solved.owned_by(name)
         m, F = len(points.index), pose.rotation.T @ points.F
         force = np.zeros_like(points.position)
-        force[np.searchsorted(points.index, solved.active[own])] = solved.drawn_force[own]
+        force[np.searchsorted(points.index, solved.active[own])] = solved.rest_force[own]
         v = all_points.compliance.displacement(points.index, *self._contact.node_forces(solved))
         R, normal = nearest_rotations(F), _deformed_normals(F, points.normal)
         moved = kernels.to_world(R, v)
-        if self._contact.points.scale is not None:
-            moved *= self._contact.points.scale.scale(F, points.normal)[:, None]
         z = pose.apply_inverse(points.position)
         distance, slope, curvature = self._distances(points, z, z + moved)
         areas, nearness = self._areas_and_nearness(points, force, distance[:m])

@@ -92,7 +92,7 @@ class BoundForceCorrection:
         state = self._measurement.measure(solved)
         if state is None and friction is None:
             return np.zeros(self._shape)
-        parts = [] if friction is None else [(friction.nodes, friction.drawn)]
+        parts = [] if friction is None else [(friction.nodes, friction.forces)]
         v = np.zeros(self._shape, dtype=self._model.dtype)
         if state is not None:
             nodes, both = state.loaded.to_nodes(state.index, self._model.forces(state))

@@ -68,8 +68,8 @@ def test_a_law_other_than_that_of_the_force_does_not_converge(monkeypatch):
 def test_forces_that_are_not_the_derivative_of_the_learned_energy_fail(monkeypatch):
     terms = LearnedEnergy.terms
 
-    def steeper(learned, energy, excess):
-        found = terms(learned, energy, excess)
+    def steeper(learned, energy, *measures):
+        found = terms(learned, energy, *measures)
         return found._replace(slope=1.001 * found.slope)
 
     monkeypatch.setattr(LearnedEnergy, "terms", steeper)

@@ -9,7 +9,6 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.colliders import RigidPose, Sphere
 from softprint.runtime.colliders.pose import rotation_matrix
 from softprint.runtime.contact import PenaltyContact
-from softprint.runtime.contact.carriers.compliance_scale import ComplianceScale
 from softprint.runtime.contact.condensed.condensed_contact import CondensedContact
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
@@ -27,7 +26,7 @@ STIFFNESS = 1e10  # N/m^4
 RADIUS = 0.02
 DRAG = {2: 20.0, 3: 0.5}  # N on each node, which displaces points by a millimetre
 # Larger than what is learned on the Jelly.
-LEARNED = LearnedEnergy(ComplianceScale((0.6, -1.8)), 1.0)
+LEARNED = LearnedEnergy.of((1.0,))
 
 
 def doubled(mechanics):

@@ -161,7 +161,7 @@ def test_corrections_of_contact_on_facets_are_for_contact_on_facets(jelly_body, 
         Simulator(jelly_body, colliders, contact=PenaltyContact(STIFFNESS, refinement=0), mechanics=mechanics)
 
 
-LEARNED = replace(OPTIONS, energy=(0.5, -0.8, 1.0))
+LEARNED = replace(OPTIONS, energy=(1.0,))
 
 
 def test_corrections_of_one_body_have_one_energy(jelly_body, dim):

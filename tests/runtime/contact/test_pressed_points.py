@@ -241,7 +241,7 @@ def test_a_step_presses_where_its_own_dent_is(bodies, dim):
     jumped = step(moved, first.warm_start)
     stayed = step(moved, jumped.warm_start)
     points, last = contact.in_frame(rows), first.solved
-    dent = Dent(*contact.drawn_forces(last), last.solution.largest_displacement)
+    dent = Dent(*contact.node_forces(last), last.solution.largest_displacement)
     by_last = contact.sharp.find(points, rows, moved, points.positions(rows), dent)
     bearing = stayed.solved.active
 

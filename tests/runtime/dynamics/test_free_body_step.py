@@ -56,7 +56,7 @@ def posed(dim, rotation, *position):
     )
 
 
-ENERGY = (0.5, -0.8, 1.0)
+ENERGY = (1.0,)
 
 
 def learned_on(shape, body, mechanics, refinement, energy):

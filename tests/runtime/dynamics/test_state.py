@@ -86,8 +86,8 @@ def test_the_body_is_drawn_as_friction_bends_it(motion):
     assert not moved[simulator.body.handles.frame_nodes].any()
     # The block is strained by some tenths at most, so that rest and world coordinates are nearly the same.
     nodes = simulator.mechanics.surface_compliance.nodes[friction.nodes]
-    work = (friction.drawn * moved[nodes]).sum()
-    assert work > 0.5 * np.linalg.norm(friction.drawn) * np.linalg.norm(moved[nodes])
+    work = (friction.forces * moved[nodes]).sum()
+    assert work > 0.5 * np.linalg.norm(friction.forces) * np.linalg.norm(moved[nodes])
 
 
 def test_the_same_state_steps_to_the_same_bits_in_any_order(motion):

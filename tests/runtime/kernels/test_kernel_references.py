@@ -316,11 +316,11 @@ INPUTS = {
     "colliders.surface_mesh.sweep_kernels": {
         "_squared_distance": lambda rng, dim: (rng.normal(size=(3, 3)), *rng.normal(size=3))
     },
-    "contact.learned_energy.dent_strain_kernels": {
+    "contact.dents.dent_strain_kernels": {
         "strain_blocks": strains_of_contact_nodes,
         "near_among": lambda rng, dim: (np.array([0, 2, 3]), *neighbours(rng)),
         "strains_by": lambda rng, dim: (*strains_among(rng, dim), rng.normal(size=(M, dim, 4))),
-        "forces_by": lambda rng, dim: (*strains_among(rng, dim), rng.normal(size=(M, 2 * dim**2))),
+        "forces_by": lambda rng, dim: (*strains_among(rng, dim), rng.normal(size=(M, 2 * dim**2, 3))),
     },
     "contact.piercing_kernels": {
         "bounds": lambda rng, dim: (rng.normal(size=(M, dim)),),
@@ -336,16 +336,12 @@ INPUTS = {
     "contact.stretched_gaps": {
         "longest_edges": lambda rng, dim: (rng.normal(size=(M, dim)), rng.integers(0, M, (9, dim))),
     },
-    "contact.carriers.compliance_scale": {
-        "combined_strain": lambda rng, dim: (near_identity(rng, dim), normals(rng, dim), rng.normal(size=2)),
-    },
     "contact.carriers.rotation_kernels": {
         "stretches": lambda rng, dim: (rotations(rng, dim, M), near_identity(rng, dim), 0.1),
         "pulled_back": lambda rng, dim: (
             rotations(rng, dim, M),
             rng.normal(size=(M, *2 * [1 if dim == 2 else 3])),
-            rng.uniform(1, 2, M),
-            *rng.normal(size=(2, M, dim, dim)),
+            rng.normal(size=(M, dim, dim)),
         ),
     },
     "contact.point_kernels": {

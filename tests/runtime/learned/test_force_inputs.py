@@ -169,7 +169,7 @@ def test_points_that_a_tip_presses_take_part(jelly_body, mechanics_of, dim):
     pressed = contact.index >= len(probe.contact.loaded)
     assert pressed.any()
     assert (np.linalg.norm(contact.force[pressed], axis=1) > 0.0).all()
-    np.testing.assert_allclose(contact.force.sum(axis=0), solved.drawn_force.sum(axis=0), rtol=1e-12)
+    np.testing.assert_allclose(contact.force.sum(axis=0), solved.rest_force.sum(axis=0), rtol=1e-12)
     model = ForceEvaluation(any_model(jelly_body))
     learned = model.forces(contact)[:, :dim] - contact.force
     assert (np.linalg.norm(learned[pressed], axis=1) > 0.0).all()

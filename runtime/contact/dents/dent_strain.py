@@ -22,13 +22,14 @@ from scipy.spatial import cKDTree
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
-from softprint.runtime.contact.learned_energy.dent_strain_kernels import (
+from softprint.runtime.contact.dents.dent_strain_kernels import (
     forces_by,
     near_among,
     strain_blocks,
     strains_by,
 )
 from softprint.runtime.elasticity.materials import Material, make_material
+from softprint.runtime.elasticity.strained_stiffness import StrainedStiffness
 from softprint.runtime.lazy import lazy
 from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance, csr_parts
 from softprint.runtime.mesh.mesh import Mesh
@@ -80,6 +81,11 @@ class DentStrain:
         """Linear elasticity with the moduli of the cells (n*CELLS,)."""
         return make_material("linear", self.material.young, self.material.poisson)
 
+    @lazy
+    def strained(self) -> StrainedStiffness:
+        """How their stiffness changes with their strain."""
+        return StrainedStiffness.of(self.material, self.blocks.shape[2])
+
     def among(self, nodes: IntArray) -> StrainAmong:
         """D among some of the contact nodes (m,), ascending."""
         blocks = self.blocks.reshape(len(self.blocks), -1, self.blocks.shape[-1])
@@ -102,7 +108,7 @@ class StrainAmong:
         return strains_by(self.starts, self.others, self.pairs, self.blocks, by_node)
 
     def pulled_back(self, by_strain: Array) -> Array:
-        """D^T of what there is by strain (m, CELLS dim^2): by force (m, dim)."""
+        """D^T of what there is by strain (m, CELLS dim^2, n): by force (m, dim, n)."""
         return forces_by(self.starts, self.others, self.pairs, self.blocks, by_strain)
 
 

@@ -1,12 +1,13 @@
-"""Second derivatives of the excess chi of a solved contact (`dent_excess.py`).
+"""Second derivatives of the measures of the dent of a solved contact, times what they count.
 
-chi is a function of the contact forces phi in rest coordinates. With lambda and mu as in `hardened_contact.py`, and in
-the symbols of `runtime/contact/linearised/contact_motions.py`, for two motions
+The measures (`runtime/contact/dents/dent_measures.py`) are functions of the contact forces phi in rest coordinates and
+of the strain E of the body. With lambda and mu as in `hardened_contact.py`, and in the symbols of
+`runtime/contact/linearised/contact_motions.py`, for two motions
 
-    d2chi = dphi . chi_phiphi dphi' + dy . C dy'
+    d2M = d(phi, E) . M_zz d(phi, E)' + dy . C dy'
           - [dA^T lambda . dv' + dA mu . df' + the same with the motions exchanged] - lambda . d2A v - f . d2A mu,
 
-with dphi the whole change of the forces. At every point, for a fixed vector t = -A mu,
+with dphi the whole change of the forces; M_E . d2E is not here. At every point, for a fixed vector t = -A mu,
 
     C = Hess(f . t) = p'' (t . g) g g^T - p' ((t . g) H + g (H t)^T + (H t) g^T) + p t . d3s,
 
@@ -20,7 +21,8 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.learned_energy.dent_excess import DentExcess
+from softprint.runtime.contact.dents.dent_measures import DentChange, DentMeasures
+from softprint.runtime.contact.dents.prestrain import StrainMotions
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
@@ -28,27 +30,32 @@ from softprint.runtime.contact.solver.contact_point_kernels import blocks_to_wor
 from softprint.runtime.linalg.sparse_directions import times_directions
 
 
-class ExcessMotions(NamedTuple):
-    """n motions, and what they change. carried: dA mu, pulled_back: dA^T lambda, forces: df, and rest_forces: the whole
-    of dphi (k*dim, n)."""
+class DentMotions(NamedTuple):
+    """n motions, and what they change. carried: dA mu, pulled_back: dA^T lambda, and forces: df (k*dim, n); dent: the
+    whole of dphi, and dE."""
 
     motions: ContactMotions
     carried: Array
     pulled_back: Array
     forces: Array
-    rest_forces: Array
+    dent: DentChange
 
 
-class ExcessCurvature:
-    """d2chi of a contact with active points, times a weight. response: lambda and mu (k, dim), times the weight."""
+class DentCurvature:
+    """a d2sigma + b d2chi of a contact with active points. counted: (a, b); response: lambda and mu (k, dim), so
+    counted."""
 
     def __init__(
-        self, contact: LinearisedContact, response: tuple[Array, Array], weight: float, excess: DentExcess
+        self,
+        contact: LinearisedContact,
+        response: tuple[Array, Array],
+        counted: Array,
+        measures: DentMeasures,
     ) -> None:
         factor, solution = contact.factor, contact.solved.solution
         b = solution.active
         p, e, g, H = solution.pressure[b], solution.penetration[b], solution.normal[b], solution.curvature[b]
-        self._contact, self._weight, self._excess = contact, weight, excess
+        self._contact, self._counted, self._measures = contact, counted, measures
         self._forces, self._at_rest = response
         self._moved = factor.to_world(self._at_rest.reshape(-1, 1)).reshape(g.shape)
         self._curvature = _force_curvature(p, e, g, _symmetric(H), -self._moved)
@@ -60,45 +67,49 @@ class ExcessCurvature:
         found = self._forces[:, :, None] * self._contact.carried[:, None, :]
         return np.asarray(found + self._contact.force[:, :, None] * self._at_rest[:, None, :])
 
-    def by_rows(self, motions: ContactMotions, along: Array | None = None) -> ExcessMotions:
+    def by_rows(
+        self, motions: ContactMotions, strains: StrainMotions, along: Array | None = None
+    ) -> DentMotions:
         """By the rows, along the same directions as the motions; along: see `RowHessian`."""
         carried, pulled_back = self._contact.carrier_motion(self._forces, self._at_rest)
         if along is not None:
             kind = motions.position.dtype
             carried = times_directions(carried.astype(kind), along)
             pulled_back = times_directions(pulled_back.astype(kind), along)
-        return self._measured(motions, carried, pulled_back)
+        return self._measured(motions, carried, pulled_back, strains.strain)
 
-    def by_twist(self, own: ColliderSensitivity) -> ExcessMotions:
+    def by_twist(self, own: ColliderSensitivity) -> DentMotions:
         """By the twist of a collider."""
         pulled_back = self._contact.factor.to_rest(own.rotated(self._forces))
         return self._measured(own.motions, -own.rotated(self._moved), pulled_back)
 
-    def _measured(self, motions: ContactMotions, carried: Array, pulled_back: Array) -> ExcessMotions:
+    def _measured(
+        self, motions: ContactMotions, carried: Array, pulled_back: Array, strain: Array | None = None
+    ) -> DentMotions:
         forces = -motions.reaction
         rest_forces = np.asarray(motions.force + self._contact.factor.to_rest(forces), dtype=np.float64)
-        return ExcessMotions(motions, carried, pulled_back, forces, rest_forces)
+        return DentMotions(motions, carried, pulled_back, forces, DentChange(rest_forces, strain))
 
-    def mixed(self, rows: ExcessMotions, own: ColliderSensitivity, twist: ExcessMotions) -> Array:
-        """d2chi/drows dtwist (R, n_twist)."""
+    def mixed(self, rows: DentMotions, own: ColliderSensitivity, twist: DentMotions) -> Array:
+        """d2M/drows dtwist (R, n_twist)."""
         found = self.between(rows, twist) - rows.motions.position.T @ own.rotated(self._forces)
         return np.asarray(found - rows.carried.T @ own.rotated(self._contact.force))
 
-    def twice(self, own: ColliderSensitivity, twist: ExcessMotions) -> Array:
-        """d2chi/dtwist2 (n_twist, n_twist)."""
+    def twice(self, own: ColliderSensitivity, twist: DentMotions) -> Array:
+        """d2M/dtwist2 (n_twist, n_twist)."""
         found = self.between(twist, twist) + own.curvature(own.arms, -self._forces)
         return np.asarray(found + own.turned_curvature(self._moved, -self._contact.force))
 
-    def between(self, one: ExcessMotions, other: ExcessMotions) -> Array:
+    def between(self, one: DentMotions, other: DentMotions) -> Array:
         """(n, n'), without the second derivatives of A."""
         bent = blocks_to_world(self._curvature, other.motions.deformed)
         crossed = _crossed(one, other)
         crossed = crossed + (crossed.T if one is other else _crossed(other, one).T)
-        by_forces = self._weight * self._excess.curvature(one.rest_forces, other.rest_forces)
-        return np.asarray(one.motions.deformed.T @ bent + crossed + by_forces)
+        by_dent = self._measures.curvature(self._counted, one.dent, other.dent)
+        return np.asarray(one.motions.deformed.T @ bent + crossed + by_dent)
 
 
-def _crossed(one: ExcessMotions, other: ExcessMotions) -> Array:
+def _crossed(one: DentMotions, other: DentMotions) -> Array:
     """-dA^T lambda . dv' - dA mu . df' (n, n')."""
     return np.asarray(-one.carried.T @ other.forces - one.pulled_back.T @ other.motions.displaced)
 

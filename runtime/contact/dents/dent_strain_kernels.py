@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from softprint.runtime.arrays import Array, IntArray
-from softprint.runtime.compiled import compiled
+from softprint.runtime.compiled import compiled, summing
 from softprint.runtime.mechanics.compliance.surface_compliance import CsrParts
 
 
@@ -140,21 +140,24 @@ def strains_by(
     return strains
 
 
-@compiled(
+@summing(
     reference=lambda starts, others, pairs, blocks, by_strain: np.einsum(
-        "ijse,is->je", _dense(starts, others, pairs, blocks), by_strain
+        "ijse,isn->jen", _dense(starts, others, pairs, blocks), by_strain
     )
 )
 def forces_by(
     starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32], by_strain: Array
 ) -> Array:
-    """sum_i D_ij^T y_i (m, dim) of y (m, s); the others as in `strains_by`."""
-    m, dim = len(starts) - 1, blocks.shape[2]
-    found = np.zeros((m, dim))
+    """sum_i D_ij^T y_i (m, dim, n) of y (m, s, n); the others as in `strains_by`."""
+    m, dim, n = len(starts) - 1, blocks.shape[2], by_strain.shape[2]
+    found = np.zeros((m, dim, n))
     for i in range(m):
         for k in range(starts[i], starts[i + 1]):
-            block, j = blocks[pairs[k]], others[k]
-            for s in range(blocks.shape[1]):
-                for e in range(dim):
-                    found[j, e] += block[s, e] * by_strain[i, s]
+            pair, j = pairs[k], others[k]
+            for e in range(dim):
+                for c in range(n):
+                    total = 0.0
+                    for s in range(blocks.shape[1]):
+                        total += blocks[pair, s, e] * by_strain[i, s, c]
+                    found[j, e, c] += total
     return found
