@@ -72,8 +72,6 @@ class Contacts(Protocol):
 
     def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled: ...
 
-    def n_states(self, samples: IntArray) -> int: ...
-
 
 def learn_energy(
     contacts: Contacts,

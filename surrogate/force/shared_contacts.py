@@ -24,7 +24,7 @@ class SharedContacts:
         ) -> list[TouchingSample]:
             return contacts.touching(*part, progress)
 
-        self._contacts, self._truth, self._count = contacts, truth, count
+        self._truth, self._count = truth, count
         self._workers = ForkedWorkers(work, count)
 
     def at(self, samples: IntArray, learned: LearnedEnergy, progress: Callable[[int], None]) -> Sampled:
@@ -33,10 +33,6 @@ class SharedContacts:
         touching = [one for found in self._workers.map(parts, progress) for one in found]
         order = in_order(self._truth, np.array([one.sample for one in touching], dtype=np.int64))
         return Sampled.of([touching[k] for k in order], self._truth, len(samples))
-
-    def n_states(self, samples: IntArray) -> int:
-        """See `SampledContacts.n_states`."""
-        return self._contacts.n_states(samples)
 
     def __enter__(self) -> SharedContacts:
         return self

@@ -215,9 +215,6 @@ class _Hardening:
         self.eta, self.truth = np.log(1.0 + excess), size * (1.0 + excess) ** growth
         self.size = size
 
-    def n_states(self, samples):
-        return 1
-
     def at(self, samples, learned, progress):
         found = self.size[samples] * np.exp(learned.growth * self.eta[samples])
         slopes = (found * self.eta[samples])[:, None]
@@ -266,7 +263,7 @@ def test_an_energy_that_has_not_converged_says_so(monkeypatch):
 
 
 def test_training_says_what_an_energy_is_not_known_to_do():
-    """The small Hand's from one state is four times as far off as mechanics where the hand has closed."""
+    """The small Hand's from one state is twice as far off as mechanics where the hand has closed."""
     half, whole = (dict.fromkeys(LABELS, share) for share in (0.5, 1.0))
     errors = EnergyErrors(whole, half, 40)
     energy = LearnedEnergy.of_mechanics()
