@@ -8,7 +8,6 @@ from pathlib import Path
 REPOSITORY = Path(__file__).resolve().parent.parent
 _FOLDERS = ("body", "colliders", "elasticity", "linalg", "mesh", "rigid")
 _FILES = (
-    "runtime/contact/dents/dent_measures.py",
     "runtime/contact/dents/dent_strain_kernels.py",
     "runtime/contact/piercing_kernels.py",
     "runtime/contact/point_kernels.py",
