@@ -270,3 +270,9 @@ class Handles:
 def _generators(dim: int) -> Array:
     """(spin, dim, dim): the skew matrices of the unit rotation vectors."""
     return np.array([skew(axis) for axis in np.eye(rotation_dofs(dim))])
+
+
+def centred(rows: Array, affine_part: Array) -> Array:
+    """Rows (n_rows, dim) less their mean translation, which causes no strain; far from the origin it would only add
+    round-off. affine_part: see `Handles.affine_part`."""
+    return np.asarray(rows - np.outer(affine_part, affine_part @ rows / affine_part.sum()))

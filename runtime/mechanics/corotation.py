@@ -28,6 +28,7 @@ from scipy.sparse.linalg import SuperLU, splu
 
 from softprint.runtime.arrays import Array, scatter_sum
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.handles import centred
 from softprint.runtime.body.rotations import nearest_rotations
 from softprint.runtime.linalg.row_products import deformed
 
@@ -43,13 +44,12 @@ class Corotation:
         self.uniform = bool((gradients == gradients[:1]).all())  # whether all parts have one rotation
         self._gradients = np.ascontiguousarray(gradients[:1] if self.uniform else gradients, dtype=np.float32)
         self._shape = len(gradients), gradients.shape[1], gradients.shape[1]
-        self._affine_part, self._mean = affine_part, affine_part / affine_part.sum()
+        self._affine_part = affine_part
 
     def rotations(self, rows: Array) -> Array:
         """R (n, dim, dim) at handle rows (n_rows, dim)."""
-        # A translation does not change rotations; far from the origin it would only add round-off.
-        centred = rows - np.outer(self._affine_part, self._mean @ rows)
-        return np.broadcast_to(nearest_rotations(deformed(self._gradients, centred)), self._shape)
+        without_translation = centred(rows, self._affine_part)
+        return np.broadcast_to(nearest_rotations(deformed(self._gradients, without_translation)), self._shape)
 
 
 def corotation_gradients(body: ReducedBody) -> NDArray[np.float32]:

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.handle_sparsity import HandleSparsity
+from softprint.runtime.body.handles import centred
 from softprint.runtime.mechanics import static_condensation_kernels as kernels
 from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance, rest_stiffness
 from softprint.runtime.mechanics.corotation import Corotation, corotation_gradients
@@ -63,8 +64,8 @@ class StaticCondensation:
         return CorotatedCondensation(self, self.corotation.rotations(frame_rows))
 
     def centred(self, rows: Array) -> Array:
-        """Rows less their mean translation, which causes no strain; far from the origin it would only add round-off."""
-        return np.asarray(rows - self.affine_part[:, None] * (self.mean_weights @ rows))
+        """Rows less their mean translation."""
+        return centred(rows, self.affine_part)
 
     def unrotated_jacobian(self) -> Array:
         """du/drows (n, dim, n_rows, dim) with all rotations the identity."""

@@ -28,7 +28,7 @@ YOUNG, POISSON, DENSITY = 2e4, 0.4, 1000.0
 # On facets, in reduced models with the points of full space.
 LAW = PenaltyContact(1e9, refinement=2, reduced_refinement=2)
 RADIUS, DEPTH, TOP = 0.015, 0.005, 0.05  # m
-# Two to three times as large as what is learned on the small Jelly.
+# A little more than what is learned on the small Jelly.
 LEARNED = LearnedEnergy.of((0.4,))
 _TIGHT = FullSpaceSettings(NewtonSettings(60, 1e-9), 1e-14, cg_tolerance_min=1e-8)
 _STEP = 1e-6  # m, of differences

@@ -33,6 +33,7 @@ and df and d2f in `cell_ratios.py`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -257,6 +258,7 @@ class DentMeasures:
         by_H = (B @ H[..., None])[..., 0]
         by_E, mixed = of.by_strain(H)
 
+        @cache
         def bend() -> Array:
             return np.block([[B, mixed.swapaxes(1, 2)], [mixed, np.zeros((len(H), *2 * E.shape[1:]))]])
 
@@ -268,6 +270,7 @@ class DentMeasures:
         value, stress = material.energy_and_stress(F)
         slope = stress.reshape(-1, k)
 
+        @cache
         def bend() -> Array:
             return material.tangent(F).reshape(-1, k, k)
 

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.handles import centred
 from softprint.runtime.contact.dents.dent_strain import largest_cells
 from softprint.runtime.elasticity.strained_stiffness import strain_components
 from softprint.runtime.lazy import lazy
@@ -94,10 +95,10 @@ class Prestrain:
             rotations = Corotation(self.gradients[nodes], self.affine_part).rotations(frame_rows)
         return NodePrestrain(self, nodes, rows, rotations)
 
-    def centred(self, rows: Array) -> Array:
-        """Rows less their mean translation, which causes no strain; far from the origin it would only add round-off."""
-        mean = self.affine_part @ rows / self.affine_part.sum()
-        return np.asarray(rows - np.outer(self.affine_part, mean))
+    @lazy
+    def centred_rest_rows(self) -> Array:
+        """q_rest without its mean translation (n_rows, dim) [m]."""
+        return centred(self.rest_rows, self.affine_part)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +135,7 @@ class NodePrestrain:
     def F(self) -> Array:
         """R^T F (m, dim, dim)."""
         of, R = self.of, self.rotations
-        moved = of.centred(self.rows) @ R - of.centred(of.rest_rows)
+        moved = centred(self.rows, of.affine_part) @ R - of.centred_rest_rows
         by_rows = self._modes @ moved.reshape(len(R), -1, 1)
         by_gravity = of.weight[self.nodes] @ (of.gravity @ R)[..., None]
         return np.asarray(np.eye(R.shape[1]) + (by_rows + by_gravity).reshape(R.shape))

@@ -26,8 +26,6 @@ import numpy as np
 from softprint.runtime.arrays import Array
 from softprint.runtime.contact.dents.ratio_functions import RatioFunction, continued_logarithm
 
-#: The number of values of `LearnedEnergy.values`.
-N_VALUES = 1
 #: The least and the largest b. From the least on W~ grows with the dent: chi grows by at most 10 d|H|/|H|, as no solid
 #: here has an energy of more than the twelfth power of H where that is large, and W grows with H^2 at least. At the
 #: largest nothing relaxes that linear mechanics displaces too much.
@@ -64,8 +62,8 @@ class LearnedEnergy:
     @classmethod
     def of(cls, values: tuple[float, ...]) -> LearnedEnergy:
         """From `values`. Raises ValueError where they are not of an energy that grows with that of mechanics."""
-        if len(values) != N_VALUES or not np.isfinite(values).all():
-            raise ValueError(f"a learned energy has {N_VALUES} finite value, not {values}")
+        if len(values) != 1 or not np.isfinite(values).all():
+            raise ValueError(f"a learned energy has one finite value, not {values}")
         (growth,) = values
         if not LEAST <= growth <= MOST:
             raise ValueError(
@@ -75,7 +73,7 @@ class LearnedEnergy:
 
     @property
     def values(self) -> tuple[float, ...]:
-        """b (N_VALUES,)."""
+        """(b,)."""
         return (self.growth,)
 
     def held(self, ratio: float) -> LearnedEnergy:

@@ -17,6 +17,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.handles import centred
 from softprint.runtime.lazy import lazy
 from softprint.runtime.learned.row_rotation import RowRotation, mean_gradient
 
@@ -56,14 +57,11 @@ class RigidFreeRows:
 
     def at(self, rows: Array) -> RigidFreePoint:
         """z at handle rows (n_rows, dim), with its derivatives."""
-        return RigidFreePoint(self, self._centred(rows), RowRotation.at(self.gradient, rows))
+        return RigidFreePoint(self, centred(rows, self.affine_part), RowRotation.at(self.gradient, rows))
 
     def derivative(self, rows: Array) -> Array:
         """dz/drows (n_inputs, n_rows*dim)."""
         return self.at(rows).derivative
-
-    def _centred(self, rows: Array) -> Array:
-        return np.asarray(rows - np.outer(self.affine_part, self.affine_part @ rows / self.affine_part.sum()))
 
 
 @dataclass(frozen=True, eq=False)
