@@ -26,7 +26,7 @@ def summarise(path: Path, part: Part) -> Summary:
         energy = LearnedEnergy.of_mechanics() if kept["energy"] is None else LearnedEnergy.of(kept["energy"])
         facts = {
             "converged": errors["converged"],
-            "growth b": energy.growth,
+            "b": energy.fourth,
         }
         compared = {
             f"{kind}, {model}": errors[model][kind]

@@ -32,7 +32,7 @@ from softprint.runtime.mechanics.mechanics_file import mechanics_hash, read_mech
 if TYPE_CHECKING:
     from softprint.runtime.learned.form import LearnedModel
 
-KIND, VERSION = "correction", 27
+KIND, VERSION = "correction", 28
 REMEDY = "train it again"
 
 

@@ -15,13 +15,13 @@ rotations, but a finite rotation appears as strain. So at every node X the local
 so that u rotates with the part of the body that X belongs to. Far from X, beyond a joint, the strain in this frame may
 still be large, but L_X hardly depends on it. With the rotations fixed at the frame rows, as within a time step, u is
 affine in q: `StaticCondensation.corotated` gives that affine function. All of this depends on the body and on gravity
-alone; nothing is learned.
+alone; what bent joints lack may be learned and added (`joint_settling.py`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -35,8 +35,11 @@ from softprint.runtime.body.handles import centred
 from softprint.runtime.mechanics import static_condensation_kernels as kernels
 from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance, rest_stiffness
 from softprint.runtime.mechanics.corotation import Corotation, corotation_gradients
+from softprint.runtime.mechanics.joint_settling import JointSettling
 
 _PREFIX = "condensation."
+# In a file.
+_ARRAYS = ("modes", "weight", "gravity", "rest_rows", "rotation_gradients", "affine_part")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +49,7 @@ class StaticCondensation:
     modes: L (n, dim, n_rows, dim); weight: w (n, dim, dim) [s^2]; both float32, since every evaluation reads all of
     them. gravity: g (dim,) [m/s^2]; rest_rows: q_rest (n_rows, dim); rotation_gradients: (n, dim, n_rows) [1/m], see
     `corotation_gradients`; affine_part: (n_rows,), see `Handles.affine_part`: a translation t changes the rows by
-    affine_part (x) t.
+    affine_part (x) t. settling: what is learned of bent joints, None for nothing.
     """
 
     modes: NDArray[np.floating[Any]]
@@ -55,13 +58,19 @@ class StaticCondensation:
     rest_rows: Array
     rotation_gradients: NDArray[np.floating[Any]]
     affine_part: Array
+    settling: JointSettling | None = None
 
     def __len__(self) -> int:
         return len(self.modes)
 
     def corotated(self, frame_rows: Array) -> CorotatedCondensation:
-        """u as an affine function of the handle rows, with the rotations of frame rows (n_rows, dim)."""
-        return CorotatedCondensation(self, self.corotation.rotations(frame_rows))
+        """u as an affine function of the handle rows, with the rotations of frame rows (n_rows, dim), and what joints
+        settle there."""
+        rotations, settling = self.corotation.rotations(frame_rows), self.settling
+        if settling is None:
+            return CorotatedCondensation(self, rotations)
+        settled = (rotations @ settling.displacement(frame_rows)[..., None])[..., 0]
+        return CorotatedCondensation(self, rotations, settled)
 
     def centred(self, rows: Array) -> Array:
         """Rows less their mean translation."""
@@ -75,8 +84,13 @@ class StaticCondensation:
 
     def at(self, nodes: IntArray) -> StaticCondensation:
         """The condensation of some of these nodes, by index."""
-        modes, weight = np.ascontiguousarray(self.modes[nodes]), np.ascontiguousarray(self.weight[nodes])
-        return replace(self, modes=modes, weight=weight, rotation_gradients=self.rotation_gradients[nodes])
+        return replace(
+            self,
+            modes=np.ascontiguousarray(self.modes[nodes]),
+            weight=np.ascontiguousarray(self.weight[nodes]),
+            rotation_gradients=self.rotation_gradients[nodes],
+            settling=None if self.settling is None else self.settling.at(nodes),
+        )
 
     def under(self, gravity: Array) -> StaticCondensation:
         """The same body under another gravity (dim,) [m/s^2]."""
@@ -115,23 +129,26 @@ class StaticCondensation:
 
 @dataclass(frozen=True, eq=False)
 class CorotatedCondensation:
-    """u of n nodes with their rotations R (n, dim, dim) fixed: affine in the handle rows. Made once per step."""
+    """u of n nodes with their rotations R (n, dim, dim) fixed: affine in the handle rows. Made once per step. settled:
+    (n, dim) [m] what joints settle, world frame, None for nothing."""
 
     condensation: StaticCondensation
     rotations: Array
+    settled: Array | None = None
 
     def displacement(self, rows: Array, index: IntArray | None = None) -> Array:
         """u (m, dim) [m] of some of the nodes (all by default) at handle rows (n_rows, dim), world frame."""
-        own = self.condensation
-        return kernels.displacement(
+        own, some = self.condensation, self._some(index)
+        u = kernels.displacement(
             own.sparse_modes,
             own.weight,
-            self._some(index),
+            some,
             own.centred(rows),
             own.centred_rest_rows,
             own.gravity,
             self.rotations,
         )
+        return u if self.settled is None else u + self.settled[some]
 
     def jacobian(self, index: IntArray | None = None) -> Array:
         """du_a/drows_rb (m, dim, n_rows, dim) of some of the nodes (all by default), world frame."""
@@ -174,14 +191,13 @@ def compute_static_condensation(
 
 def condensation_arrays(response: StaticCondensation) -> dict[str, NDArray[np.floating[Any]]]:
     """Named arrays for a correction file."""
-    return {_PREFIX + field.name: getattr(response, field.name) for field in fields(response)}
+    return {_PREFIX + name: getattr(response, name) for name in _ARRAYS}
 
 
 def take_condensation(arrays: dict[str, Any]) -> StaticCondensation | None:
     """Removes the arrays of `condensation_arrays` from those of a file, and returns their
     condensation; None where the file has none."""
-    names = [field.name for field in fields(StaticCondensation)]
-    if not any(_PREFIX + name in arrays for name in names):
+    if not any(_PREFIX + name in arrays for name in _ARRAYS):
         return None
-    own: Mapping[str, Any] = {name: np.asarray(arrays.pop(_PREFIX + name)) for name in names}
+    own: Mapping[str, Any] = {name: np.asarray(arrays.pop(_PREFIX + name)) for name in _ARRAYS}
     return StaticCondensation(**own)

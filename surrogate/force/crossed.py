@@ -12,6 +12,7 @@ from torch import Tensor
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.learned.force.confidence import FAR, NEAR
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
+from softprint.runtime.mechanics.joint_settling import JointSettling
 from softprint.surrogate.data.folds import Fold
 from softprint.surrogate.force.data import ForceData
 from softprint.surrogate.force.kept_part import kept_part
@@ -37,10 +38,11 @@ class CrossedForceTask:
         folds: Sequence[Fold],
         n_rows: int,
         notes: dict[str, Any] | None = None,
+        settling: JointSettling | None = None,
     ) -> None:
         samples = Samples.of(metric, data)
         self.notes = dict(notes or {})
-        self.whole = ForceTask(options, samples, None, n_rows)
+        self.whole = ForceTask(options, samples, None, n_rows, settling=settling)
         self.folds = [
             ForceTask(options, samples.take(_rows(fold.learn)), samples.take(_rows(fold.judge)), n_rows)
             for fold in folds

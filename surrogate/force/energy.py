@@ -39,11 +39,11 @@ from softprint.surrogate.force.energy_gain import gain_of
 from softprint.surrogate.force.sampled_contacts import LABELS, Sampled, SampledContacts
 from softprint.surrogate.force.shared_contacts import SharedContacts
 
-# At most so many iterations, from this b: most bodies have 0.2 to 0.4. They have converged where another one would
-# lower the sum of squares by less than this share.
+# At most so many iterations, from this b, of which most bodies are not far. They have converged where another one would
+# change b by less than this share.
 ITERATIONS = 8
 _START = 0.3
-_CONVERGED = 1e-3
+_CONVERGED = 1e-2
 # Samples to learn from: one number is learned.
 SAMPLES = 600
 # Of the median residual, that from which on a sample loses weight.
@@ -94,7 +94,7 @@ def learn_energy(
         return None, EnergyErrors(nothing, nothing, 0)
     fit = _Fit(labels)
     learned, found, converged = fit.run(contacts, bearing, progress)
-    by_others = [fit.iteration(found.among(part.learn), learned).energy for part in parts]
+    by_others = [fit.iteration(found.among(part.learn), learned) for part in parts]
     judged = Sampled.joined(
         [contacts.at(part.judge, own, progress) for part, own in zip(parts, by_others, strict=True)]
     )
@@ -165,13 +165,6 @@ class _Part(NamedTuple):
     judge: IntArray
 
 
-class _Iteration(NamedTuple):
-    """energy: after the step; gain: by which share of it the sum of squares is expected to fall."""
-
-    energy: LearnedEnergy
-    gain: float
-
-
 @dataclass(frozen=True, eq=False)
 class _Fit:
     """The Gauss-Newton method. labels: the kinds of residuals."""
@@ -186,16 +179,16 @@ class _Fit:
         for left in reversed(range(ITERATIONS)):
             found = contacts.at(samples, learned, progress)
             after = self.iteration(found, learned)
-            converged = after.gain < _CONVERGED
+            converged = abs(after.fourth - learned.fourth) < _CONVERGED * learned.fourth
             if converged or not left:
                 break
-            learned = after.energy
+            learned = after
         progress(left * len(samples))
         return learned, found, converged
 
-    def iteration(self, sampled: Sampled, learned: LearnedEnergy) -> _Iteration:
-        """From an energy and samples under it."""
-        normal = right = total = 0.0
+    def iteration(self, sampled: Sampled, learned: LearnedEnergy) -> LearnedEnergy:
+        """The next energy, from one and samples under it."""
+        normal = right = 0.0
         for kind in self.labels:
             true, slopes = sampled.truth[kind], sampled.slopes[kind]
             miss = true - sampled.found[kind]
@@ -204,8 +197,6 @@ class _Fit:
             weight /= np.square(true).sum(axis=1).mean()
             normal += float(weight @ np.square(slopes).sum(axis=1))
             right += float(weight @ (slopes * miss).sum(axis=1))
-            total += float(weight @ off**2)
-        right -= _RIDGE * normal * learned.growth
+        right -= _RIDGE * normal * learned.fourth
         change = right / max((1.0 + _RIDGE) * normal, _TINY)
-        after = LearnedEnergy.of((min(max(learned.growth + change, LEAST), MOST),))
-        return _Iteration(after, right * change / max(total, _TINY))
+        return LearnedEnergy.of((min(max(learned.fourth + change, LEAST), MOST),))

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import torch
 from numpy.typing import NDArray
 
@@ -32,6 +33,7 @@ from softprint.surrogate.force.data import ForceData, join_force_data, read_forc
 from softprint.surrogate.force.energy import ContactMaker, energy_of
 from softprint.surrogate.force.kept_energy import Learned, kept_energy
 from softprint.surrogate.force.loss import ForceMetric
+from softprint.surrogate.force.settling import LearnedSettling, learn_settling, told
 from softprint.surrogate.force.task import ForceTask
 from softprint.surrogate.form import TrainingForm
 
@@ -54,17 +56,25 @@ def crossed(data: TrainingData, spec: ModelSpec) -> CrossedForceTask:
             f"{data.truth.path}: its {len(whole)} samples are of one contact, and learning needs two at least: one to "
             "learn from, and one to judge by. `sampling.states` and `sampling.places` say how many there are"
         )
-    return CrossedForceTask(own, metric(data, spec), whole, folds, data.body.n_rows, notes)
+    joints = settling(data, spec)
+    learned = None if joints is None else joints.settling
+    return CrossedForceTask(own, metric(data, spec), whole, folds, data.body.n_rows, notes, learned)
 
 
 def _options(data: TrainingData, spec: ModelSpec) -> tuple[ForceModelOptions, dict[str, Any]]:
     """With the energy that was learned, and notes about it."""
     own = options(spec, data.body, PenaltyContact.of(data.context.experiment.contact))
+    joints, notes = settling(data, spec), dict[str, Any]()
+    if joints is not None:
+        notes["settling"] = {name: value for name, value in joints._asdict().items() if name != "settling"}
+        if joints.settling is not None:
+            own = replace(own, settling=joints.settling.sizes)
     learned = _energy(data, spec, own) if spec.learned else None
     if learned is None:
-        return own, {}
+        return own, notes
     energy, errors = learned
-    return replace(own, energy=() if energy is None else energy.values), {"energy": errors._asdict()}
+    notes["energy"] = errors._asdict()
+    return replace(own, energy=() if energy is None else energy.values), notes
 
 
 def metric(data: TrainingData, spec: ModelSpec) -> ForceMetric:
@@ -76,9 +86,33 @@ def metric(data: TrainingData, spec: ModelSpec) -> ForceMetric:
 
 
 def mechanics(data: TrainingData, spec: ModelSpec) -> BodyMechanics:
-    """The body mechanics with the options of a [[training.models]] table."""
+    """The body mechanics with the options of a [[training.models]] table, and what is learned of joints."""
     _, found = data.mechanics.get(spec.contact_nodes)
-    return found if spec.static_condensation else found._replace(condensation=None)
+    if not spec.static_condensation:
+        return found._replace(condensation=None)
+    learned = settling(data, spec)
+    if found.condensation is None or learned is None or learned.settling is None:
+        return found
+    return found._replace(condensation=replace(found.condensation, settling=learned.settling))
+
+
+def settling(data: TrainingData, spec: ModelSpec) -> LearnedSettling | None:
+    """How joints settle, learned from the states of all samples that may be learned from; None for a model that learns
+    nothing, or is added to an internal correction, and where nothing can be learned."""
+    if not spec.learned or not spec.static_condensation or spec.added_to:
+        return None
+
+    def learn() -> LearnedSettling | None:
+        _, found = data.mechanics.get(spec.contact_nodes)
+        if found.condensation is None:
+            return None
+        states = np.unique(data.truth.sample_state[data.split.whole])
+        learned = learn_settling(data.body, found.condensation, data.truth, states)
+        if learned is not None:
+            data.context.say(told(learned))
+        return learned
+
+    return data.once(("settling", spec.contact_nodes), learn)
 
 
 def internal_below(data: TrainingData, spec: ModelSpec) -> InternalField | None:
@@ -178,6 +212,7 @@ def _read(
         options.band,
         options.law,
         options.energy,
+        options.settling,
     )
     return data.once(("force", own, *(part.tobytes() for part in parts)), read)
 

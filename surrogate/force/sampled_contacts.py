@@ -1,15 +1,14 @@
 """Solved contacts at samples of a truth, with the derivatives of forces and energy by b.
 
-Condensed contact gives W~ = W exp(sigma + b eta(chi)) with eta = log(1 + chi) (`runtime/contact/learned_energy/`), and
-nothing that is solved depends on b. So with h~ = dW~/dq
-
-    dW~/db = eta W~,    dh~/db = eta h~ + W~ eta' dchi/dq.
+Condensed contact gives an energy W~ that is linear in b where dents harden, and nearly so elsewhere
+(`runtime/contact/learned_energy/`), and so are its forces on the handles, h~ = dW~/dq. Nothing that is solved depends
+on b, so that derivatives by it are differences.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,8 @@ from softprint.runtime.arrays import Array, BoolArray, IntArray
 from softprint.runtime.colliders.collider import Collider
 from softprint.runtime.contact.condensed.contact_evaluation import ContactEvaluation
 from softprint.runtime.contact.frame_points import FramePoints
-from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy, hardening
+from softprint.runtime.contact.learned_energy.hardened_contact import HardenedContact
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.solver.solved_contact import SolvedContact
 from softprint.runtime.dynamics.handle_forces import HandleCoordinates
 from softprint.runtime.errors import SoftprintError
@@ -27,6 +27,8 @@ from softprint.runtime.truth.truth_file import TruthData
 
 #: The kinds of residuals: forces on the handles, the force on the collider, and the energy.
 LABELS = ("handles", "collider", "energy")
+# Of b.
+_STEP = 0.01
 
 
 class TouchingSample(NamedTuple):
@@ -141,7 +143,7 @@ class SampledContacts:
                 if solved is None or not len(solved.active):
                     continue
                 found = probe.evaluation(solved)
-                by_energy, by_force = by_growth(found)
+                by_energy, by_force = by_fourth(found)
                 h, true = found.gradient, truth.contact_handle_force(sample)
                 columns = {
                     "handles": self._compared(rows, true, h, by_force),
@@ -179,10 +181,11 @@ class SampledContacts:
         return solved
 
 
-def by_growth(found: ContactEvaluation) -> tuple[float, Array]:
+def by_fourth(found: ContactEvaluation) -> tuple[float, Array]:
     """dW~/db [J] and dh~/db (n_rows, dim) [N] of a contact with active points under an energy."""
-    assert found.hardened is not None
-    assert found.measures is not None
-    eta, W = hardening(found.measures.excess), found.energy
-    by_force = eta.value * found.gradient + W * eta.slope * found.hardened.excess_slope
-    return float(eta.value * W), by_force
+    assert found.contact is not None
+    assert found.dent is not None
+    assert found.learned is not None
+    learned = found.learned
+    more = HardenedContact(found.contact, replace(learned, fourth=learned.fourth + _STEP), found.dent)
+    return (more.energy - found.energy) / _STEP, (more.gradient - found.gradient) / _STEP

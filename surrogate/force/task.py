@@ -12,6 +12,7 @@ from torch.nn.functional import pad
 
 from softprint.runtime.learned.force.confidence import contact_measures, squared_ratio
 from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
+from softprint.runtime.mechanics.joint_settling import JointSettling
 from softprint.surrogate.force.data import ForceData
 from softprint.surrogate.force.loads import on_loads
 from softprint.surrogate.force.loss import ForceMetric, quadratic_form
@@ -83,9 +84,10 @@ class ForceTask:
         judged: Samples | None,
         n_rows: int,
         notes: dict[str, Any] | None = None,
+        settling: JointSettling | None = None,
     ) -> None:
         self._options, self._learned, self._judged, self._n_rows = options, learned, judged, n_rows
-        self._notes = notes or {}
+        self._notes, self._settling = notes or {}, settling
         squared = learned.data.squared[learned.rows]
         weight = 1.0 / (squared + SHALLOW * squared.mean())
         self._weight = weight / (weight * squared).mean()
@@ -128,6 +130,8 @@ class ForceTask:
         model.normalise(
             data.local[some][there], data.depth[rows], data.force[some][there], data.lever[some][there]
         )
+        if self._settling is not None:
+            model.settle(self._settling)
         return model
 
     def loss(self, model: ForceModel, index: Tensor) -> Tensor:

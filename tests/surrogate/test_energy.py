@@ -19,7 +19,7 @@ from softprint.surrogate.force.sampled_contacts import (
     LABELS,
     Sampled,
     SampledContacts,
-    by_growth,
+    by_fourth,
 )
 from softprint.surrogate.force.shared_contacts import SharedContacts
 
@@ -28,7 +28,7 @@ BAND = 2e-3
 STATES, PLACES, DEPTHS = 4, 3, (0.003, 0.005, 0.007)  # m
 
 
-TEACHER = LearnedEnergy.of((0.6,))
+TEACHER = LearnedEnergy.of((0.8,))
 
 
 @pytest.fixture(scope="module", params=[2, 3], ids=["2d", "3d"])
@@ -66,18 +66,17 @@ def evaluated(probe, rows, poses):
     return probe.evaluation(solved)
 
 
-def test_derivatives_by_the_growth(pressed):
+def test_derivatives_by_b(pressed):
     _, ball, contact_of, states, poses = pressed
 
-    def at(growth):
-        return evaluated(contact_of(ball, LearnedEnergy.of((growth,))), states[0], poses[0])
+    def at(fourth):
+        return evaluated(contact_of(ball, LearnedEnergy.of((fourth,))), states[0], poses[0])
 
-    here, h = at(0.6), 1e-4
-    by_energy, by_force = by_growth(here)
-    ahead, behind = at(0.6 + h), at(0.6 - h)
-    # The solves are the same. Central differences over 1e-4, to the square of it.
-    assert (ahead.energy - behind.energy) / (2 * h) == pytest.approx(by_energy, rel=1e-6)
-    slope = (ahead.gradient - behind.gradient) / (2 * h)
+    by_energy, by_force = by_fourth(at(0.6))
+    more, less = at(0.8), at(0.5)
+    # The solves are the same, and energies are linear in b: round-off of differences over 0.01.
+    assert more.energy - less.energy == pytest.approx(0.3 * by_energy, rel=1e-6)
+    slope = (more.gradient - less.gradient) / 0.3
     np.testing.assert_allclose(by_force, slope, atol=1e-6 * np.abs(slope).max())
 
 
@@ -170,12 +169,12 @@ def test_an_energy_is_found_again_from_its_forces(contacts, labels):
     learned, errors = learn_energy(contacts, samples, halves(len(samples)), ignore, labels)
     assert learned is not None
     assert errors.converged
-    # The ridge of a thousandth, and a spoilt contact in twelve.
-    assert learned.growth == pytest.approx(TEACHER.growth, abs=0.02)
+    # The ridge of a thousandth, a spoilt contact in twelve, and what another iteration would change.
+    assert learned.fourth == pytest.approx(TEACHER.fourth, rel=0.02)
     # The spoilt contact counts as one in another equilibrium. What is left is the ridge of a thousandth.
     assert errors.samples <= n * each - each
     for kind in LABELS:
-        assert errors.mechanics[kind] > 0.05
+        assert errors.mechanics[kind] > 0.03
         assert errors.learned[kind] < 0.1 * errors.mechanics[kind], kind
 
 
@@ -209,28 +208,30 @@ def test_nothing_is_learned_where_all_samples_press_a_frame(contacts, monkeypatc
 
 
 class _Hardening:
-    """Contacts (n,) of one sample each, with an excess of their own, in a truth with a b of their own."""
+    """Contacts (n,) of one sample each, with W_4 / W of their own, in a truth with a b of their own."""
 
-    def __init__(self, excess, growth, size):
-        self.eta, self.truth = np.log(1.0 + excess), size * (1.0 + excess) ** growth
+    def __init__(self, chi, fourth, size):
+        self.chi, self.truth = chi, size * (1.0 + fourth * chi)
         self.size = size
 
     def at(self, samples, learned, progress):
-        found = self.size[samples] * np.exp(learned.growth * self.eta[samples])
-        slopes = (found * self.eta[samples])[:, None]
+        size, chi = self.size[samples], self.chi[samples]
+        hardened = learned.ratio * size
+        if not learned.is_proportional:
+            hardened = size * (1.0 + learned.fourth * chi)
         of_truth, of_contact, by = (
-            dict.fromkeys(LABELS, values)
-            for values in (self.truth[samples, None], found[:, None], slopes)
+            dict.fromkeys(LABELS, values[:, None])
+            for values in (self.truth[samples], hardened, size * chi)
         )
         return Sampled(samples, samples, of_truth, of_contact, by, np.full(len(samples), False))
 
 
 def test_what_other_samples_do_not_bear_out_is_not_kept():
-    """One half of the contacts softens as the other hardens: what is learned from one is wrong for the other."""
+    """Contacts that soften have no energy that hardens."""
     rng, n = np.random.default_rng(5), 120
-    excess, size = rng.uniform(0.2, 1.0, n), rng.uniform(1.0, 3.0, n)
-    growth = np.repeat([0.4, -0.4], n // 2) + 0.02 * rng.standard_normal(n)
-    learned, errors = learn_energy(_Hardening(excess, growth, size), np.arange(n), halves(n), ignore)
+    chi, size = rng.uniform(0.2, 0.4, n), rng.uniform(1.0, 3.0, n)
+    fourth = -0.8 + 0.02 * rng.standard_normal(n)
+    learned, errors = learn_energy(_Hardening(chi, fourth, size), np.arange(n), halves(n), ignore)
     assert learned is None
     assert errors.learned == errors.mechanics
 
@@ -238,25 +239,25 @@ def test_what_other_samples_do_not_bear_out_is_not_kept():
 def test_folds_judge_by_what_they_have_not_learned_from():
     """What is reported is the error of the energies of the folds, not of the one that is kept."""
     rng, n = np.random.default_rng(5), 120
-    excess, size = rng.uniform(0.2, 1.0, n), rng.uniform(1.0, 3.0, n)
-    growth = np.repeat([0.8, 0.4], n // 2) + 0.02 * rng.standard_normal(n)
-    contacts = _Hardening(excess, growth, size)
+    chi, size = rng.uniform(0.2, 0.6, n), rng.uniform(1.0, 3.0, n)
+    fourth = np.repeat([0.8, 0.4], n // 2) + 0.02 * rng.standard_normal(n)
+    contacts = _Hardening(chi, fourth, size)
     learned, errors = learn_energy(contacts, np.arange(n), halves(n), ignore)
     assert learned is not None
-    assert 0.5 < learned.growth < 0.7
+    assert 0.5 < learned.fourth < 0.7
     of_all = contacts.at(np.arange(n), learned, ignore).errors(np.arange(n))
     # Off by 0.4 on each half, in place of 0.2.
     assert errors.learned["energy"] > 1.7 * of_all["energy"]
 
 
 def test_an_energy_that_has_not_converged_says_so(monkeypatch):
-    """One iteration from b = 0.3 is not enough for 0.9."""
+    """It is known to be right only from a second look."""
     rng, n = np.random.default_rng(5), 60
-    excess, size = rng.uniform(0.2, 3.0, n), rng.uniform(1.0, 3.0, n)
-    contacts = _Hardening(excess, np.full(n, 0.9), size)
+    chi, size = rng.uniform(0.2, 0.6, n), rng.uniform(1.0, 3.0, n)
+    contacts = _Hardening(chi, np.full(n, 0.7), size)
     learned, errors = learn_energy(contacts, np.arange(n), halves(n), ignore)
     assert errors.converged
-    assert learned.growth == pytest.approx(0.9, abs=0.01)  # the ridge
+    assert learned.fourth == pytest.approx(0.7, abs=0.01)  # the ridge
     monkeypatch.setattr("softprint.surrogate.force.energy.ITERATIONS", 1)
     learned, errors = learn_energy(contacts, np.arange(n), halves(n), ignore)
     assert not errors.converged
@@ -274,16 +275,16 @@ def test_training_says_what_an_energy_is_not_known_to_do():
 
 
 def test_strong_contacts_count_most():
-    """Weak ones, of which there are ten times as many, do not harden at all. What a fit to single relative errors finds
-    is nearer to these."""
+    """Weak ones, of which there are ten times as many, harden less. What a fit to single relative errors finds is
+    nearer to these."""
     rng, n = np.random.default_rng(6), 220
     strong = np.arange(n) % 11 == 0
-    excess, size = rng.uniform(0.2, 1.0, n), np.where(strong, 10.0, 0.1)
-    growth = np.where(strong, 0.5, 0.0) + 0.02 * rng.standard_normal(n)
-    contacts = _Hardening(excess, growth, size)
+    chi, size = rng.uniform(0.2, 0.6, n), np.where(strong, 10.0, 0.1)
+    fourth = np.where(strong, 0.5, 0.1) + 0.02 * rng.standard_normal(n)
+    contacts = _Hardening(chi, fourth, size)
     learned, errors = learn_energy(contacts, np.arange(n), halves(n), ignore)
     assert errors.converged
-    assert learned.growth == pytest.approx(0.5, abs=0.02)
+    assert learned.fourth == pytest.approx(0.5, abs=0.02)
 
 
 def test_the_same_is_learned_on_several_cores(contacts):

@@ -24,7 +24,7 @@ from softprint.runtime.contact.condensed.contact_evaluation import ContactEvalua
 from softprint.runtime.contact.condensed.contact_group import ContactGroup
 from softprint.runtime.contact.condensed.near_colliders import NearColliders
 from softprint.runtime.contact.condensed.pushed_points import with_pushed_in
-from softprint.runtime.contact.dents.dent_measures import DentCells
+from softprint.runtime.contact.dents.dent_energies import DentCells
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.linearised_contact import LinearisedContact
 from softprint.runtime.contact.penalty import PenaltyContact
@@ -57,8 +57,8 @@ class CondensedContact:
     """The contact of one body with colliders, by name. loaded: where contact acts on the facets; nodes: (n_contact,)
     mesh indices of the contact nodes; points and compliance: of the points on the facets; stiffness: a k (n,) [N/m^2]
     of these, and of those that sharp points of the colliders press; sharp: searches for the latter, None where no
-    collider has any; learned: None for the energy of linear mechanics; dent_cells: in which dents are measured, None
-    where nothing is learned."""
+    collider has any; learned: None for the energy of linear mechanics; dent_cells: in which the energies of dents are,
+    None where nothing is learned."""
 
     loaded: LoadedPoints
     nodes: IntArray

@@ -12,7 +12,7 @@ import numpy as np
 from softprint.runtime.arrays import Array, IntArray, RowHessian
 from softprint.runtime.contact.collider_coupling import Centres, Coupling, Link
 from softprint.runtime.contact.contact_force import ContactForce, FrictionForces, SurfaceForces, resultant
-from softprint.runtime.contact.dents.dent_measures import DentCells, DentMeasures
+from softprint.runtime.contact.dents.dent_energies import DentCells, DentEnergies
 from softprint.runtime.contact.learned_energy.hardened_contact import HardenedContact, PointForces
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
@@ -59,7 +59,7 @@ class ContactEvaluation:
     nodes in the mesh; points: the contact points on the facets; every: with those that sharp points of the colliders
     press, as loaded; contact: None where the body touches no collider; learned: None for the energy of linear
     mechanics, see `LearnedEnergy`, by which energy, gradient, Hessian and forces differ from those of `contact`;
-    dent_cells: in which dents are measured, None where nothing is learned."""
+    dent_cells: in which the energies of dents are, None where nothing is learned."""
 
     loaded: LoadedPoints
     nodes: IntArray
@@ -127,19 +127,19 @@ class ContactEvaluation:
     @lazy
     def hardened(self) -> HardenedContact | None:
         """The contact under the learned energy; None where it is that of mechanics."""
-        contact, measures = self._active, self.measures
-        if contact is None or self.learned is None or measures is None:
+        contact, dent = self._active, self.dent
+        if contact is None or self.learned is None or dent is None:
             return None
-        return HardenedContact(contact, self.learned, measures)
+        return HardenedContact(contact, self.learned, dent)
 
     @lazy
-    def measures(self) -> DentMeasures | None:
-        """Those of the dent; None where no point is active, or nothing is learned."""
+    def dent(self) -> DentEnergies | None:
+        """The energies of the dent; None where no point is active, or nothing is learned."""
         contact, cells = self._active, self.dent_cells
         if contact is None or cells is None:
             return None
         solved, frame_rows = contact.solved, self.points.frame_rows
-        return cells.measures(self.loaded, solved.active, solved.rest_force, self.rows, frame_rows)
+        return cells.energies(self.loaded, solved.active, solved.rest_force, self.rows, frame_rows)
 
     def active_points(self, name: str) -> ActivePoints:
         """The active points in contact with one collider."""

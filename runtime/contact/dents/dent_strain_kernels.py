@@ -74,25 +74,29 @@ def strain_blocks(
     return blocks
 
 
-def _looked_up(nodes: IntArray, starts: IntArray, others: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    of = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
-    pairs = np.flatnonzero(np.isin(of, nodes) & np.isin(others, nodes))
-    first = np.searchsorted(of[pairs], nodes)
+def _looked_up(
+    of: IntArray, nodes: IntArray, starts: IntArray, others: IntArray
+) -> tuple[IntArray, IntArray, IntArray]:
+    owner = np.repeat(np.arange(len(starts) - 1), np.diff(starts))
+    pairs = np.flatnonzero(np.isin(owner, of) & np.isin(others, nodes))
+    first = np.searchsorted(owner[pairs], of)
     return np.append(first, len(pairs)), np.searchsorted(nodes, others[pairs]), pairs
 
 
 @compiled(reference=_looked_up)
-def near_among(nodes: IntArray, starts: IntArray, others: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Which of some contact nodes (m,), ascending, are near each other: where each begins (m + 1,), their places among
-    these (q,), and among all pairs (q,). starts, others: of all contact nodes, as in `DentStrain`."""
-    m = len(nodes)
+def near_among(
+    of: IntArray, nodes: IntArray, starts: IntArray, others: IntArray
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Which of some contact nodes (m,) are near each of others (n,), both ascending: where those of each begin (n +
+    1,), their places (q,), and among all pairs (q,). starts, others: of all contact nodes, see `NearNodes`."""
+    n, m = len(of), len(nodes)
     most = 0
-    for i in nodes:
+    for i in of:
         most += min(m, starts[i + 1] - starts[i])
-    first, among, pairs = np.zeros(m + 1, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
+    first, among, pairs = np.zeros(n + 1, np.int64), np.empty(most, np.int64), np.empty(most, np.int64)
     count = 0
-    for r in range(m):
-        pair, last = starts[nodes[r]], starts[nodes[r] + 1]
+    for r in range(n):
+        pair, last = starts[of[r]], starts[of[r] + 1]
         for s in range(m):
             while pair < last and others[pair] < nodes[s]:
                 pair += 1
@@ -105,59 +109,73 @@ def near_among(nodes: IntArray, starts: IntArray, others: IntArray) -> tuple[Int
     return first, among[:count], pairs[:count]
 
 
-def _dense(starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32]) -> Array:
-    m, (_, strains, dim) = len(starts) - 1, blocks.shape
-    D = np.zeros((m, m, strains, dim))
-    D[np.repeat(np.arange(m), np.diff(starts)), others] = blocks[pairs]
+def _dense(
+    n_forces: int, sizes: IntArray, starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32]
+) -> Array:
+    n, (_, size, dim) = len(starts) - 1, blocks.shape
+    D = np.zeros((n, n_forces, size, dim))
+    D[np.repeat(np.arange(n), np.diff(starts)), others] = blocks[pairs]
+    D *= (np.arange(size) < sizes[:, None])[:, None, :, None]
     return D
 
 
 @compiled(
-    reference=lambda starts, others, pairs, blocks, forces: np.einsum(
-        "ijse,jen->isn", _dense(starts, others, pairs, blocks), forces
+    reference=lambda sizes, starts, others, pairs, blocks, forces: np.einsum(
+        "ijse,jec->isc", _dense(len(forces), sizes, starts, others, pairs, blocks), forces
     )
 )
 def strains_by(
-    starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32], forces: Array
+    sizes: IntArray,
+    starts: IntArray,
+    others: IntArray,
+    pairs: IntArray,
+    blocks: NDArray[np.float32],
+    forces: Array,
 ) -> Array:
-    """sum_j D_ij phi_j (m, s, n) by forces (m, dim, n), with the blocks (p, s, dim) of D that are not zero;
-    starts, others and pairs: as in `StrainAmong`."""
-    m, dim, n = forces.shape
+    """sum_j D_ij phi_j (n, s, c) by forces (m, dim, c), with the blocks (p, s, dim) of D that are not zero, and zero
+    beyond the size of each; the others as in `StrainBetween`."""
+    n, dim, c = len(starts) - 1, forces.shape[1], forces.shape[2]
     size, most = blocks.shape[1], np.diff(starts).max() * dim
-    strains = np.zeros((m, size, n))
-    D, phi = np.empty((most, size)), np.empty((most, n))
-    for i in range(m):
+    strains = np.zeros((n, size, c))
+    D, phi = np.empty((most, size)), np.empty((most, c))
+    for i in range(n):
         # One product of dense matrices for each node.
-        row = 0
+        row, own = 0, sizes[i]
         for k in range(starts[i], starts[i + 1]):
             block, j = blocks[pairs[k]], others[k]
             for e in range(dim):
-                for s in range(size):
+                for s in range(own):
                     D[row, s] = block[s, e]
                 phi[row] = forces[j, e]
                 row += 1
-        strains[i] = D[:row].T @ phi[:row]
+        strains[i, :own] = np.ascontiguousarray(D[:row, :own].T) @ phi[:row]
     return strains
 
 
 @summing(
-    reference=lambda starts, others, pairs, blocks, by_strain: np.einsum(
-        "ijse,isn->jen", _dense(starts, others, pairs, blocks), by_strain
+    reference=lambda n_forces, sizes, starts, others, pairs, blocks, by_strain: np.einsum(
+        "ijse,isc->jec", _dense(n_forces, sizes, starts, others, pairs, blocks), by_strain
     )
 )
 def forces_by(
-    starts: IntArray, others: IntArray, pairs: IntArray, blocks: NDArray[np.float32], by_strain: Array
+    n_forces: int,
+    sizes: IntArray,
+    starts: IntArray,
+    others: IntArray,
+    pairs: IntArray,
+    blocks: NDArray[np.float32],
+    by_strain: Array,
 ) -> Array:
-    """sum_i D_ij^T y_i (m, dim, n) of y (m, s, n); the others as in `strains_by`."""
-    m, dim, n = len(starts) - 1, blocks.shape[2], by_strain.shape[2]
-    found = np.zeros((m, dim, n))
-    for i in range(m):
+    """sum_i D_ij^T y_i (m, dim, c) of y (n, s, c) on m nodes; the others as in `strains_by`."""
+    n, dim, columns = len(starts) - 1, blocks.shape[2], by_strain.shape[2]
+    found = np.zeros((n_forces, dim, columns))
+    for i in range(n):
         for k in range(starts[i], starts[i + 1]):
             pair, j = pairs[k], others[k]
             for e in range(dim):
-                for c in range(n):
+                for c in range(columns):
                     total = 0.0
-                    for s in range(blocks.shape[1]):
+                    for s in range(sizes[i]):
                         total += blocks[pair, s, e] * by_strain[i, s, c]
                     found[j, e, c] += total
     return found

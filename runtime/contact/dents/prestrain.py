@@ -1,17 +1,19 @@
 """The strain of the body in which a dent is made: at the contact nodes, without the dent.
 
 It is that of the reduced positions with static condensation (`runtime/mechanics/static_condensation.py`), a mean over
-the cells of a node in `dent_strain.py`. With the rotation R_i of the body at the node fixed at the frame rows, the
-deformation gradient is affine in the handle rows q,
+the largest cells that the node is a corner of. With the rotation R_i of the body at the node fixed at the frame rows,
+the deformation gradient is affine in the handle rows q,
 
-    R_i^T F_i = I + A_i (R_i^T q - q_rest) + B_i R_i^T g,    A_i = mean over c of grad U + sum_v L_v (x) grad N_v,
+    R_i^T F_i = I + M_i (R_i^T q - q_rest) + B_i R_i^T g,    M_i = mean over c of grad U + sum_v L_v (x) grad N_v,
     B_i = mean over c of sum_v w_v (x) grad N_v,
 
-with the modes L and w of the corners v of the cells, and so is not its Green strain,
+with the modes L and w of the corners v of the cells, and so is not its strain. With that of Green, A = (F^T F - I) / 2,
+that of Biot, (F^T F)^(1/2) - I, is to second order
 
-    E = (F^T F - I) / 2,    dE = sym(F^T dF),    d2E = sym(dF^T dF').
+    E = A - A^2 / 2,    dE = dA - sym(A dA),    d2E = d2A - sym(A d2A) - sym(dA dA'),
+    dA = sym(F^T dF),    d2A = sym(dF^T dF').
 
-A_i does not know of translations. Rotating the body with the frame rows changes nothing. An internal correction of the
+M_i does not know of translations. Rotating the body with the frame rows changes nothing. An internal correction of the
 body has no part in E.
 """
 
@@ -27,21 +29,22 @@ from numpy.typing import NDArray
 from softprint.runtime.arrays import Array, IntArray
 from softprint.runtime.body.body import ReducedBody
 from softprint.runtime.body.handles import centred
-from softprint.runtime.contact.dents.dent_strain import largest_cells
-from softprint.runtime.elasticity.strained_stiffness import strain_components
 from softprint.runtime.lazy import lazy
 from softprint.runtime.linalg.sparse_directions import times_directions
 from softprint.runtime.mechanics.compliance.surface_compliance import SurfaceCompliance
 from softprint.runtime.mechanics.corotation import Corotation
 from softprint.runtime.mechanics.static_condensation import StaticCondensation
+from softprint.runtime.mesh.mesh import Mesh
 
+# The cells of a node that the mean is over.
+_CELLS = 4
 # Contact nodes whose modes are computed at once.
 _AT_ONCE = 250
 
 
 @dataclass(frozen=True, eq=False)
 class Prestrain:
-    """Of n contact nodes. modes: A (n, dim^2, n_rows*dim) [1/m], and weight: B (n, dim^2, dim) [s^2/m]; gradients: (n,
+    """Of n contact nodes. modes: M (n, dim^2, n_rows*dim) [1/m], and weight: B (n, dim^2, dim) [s^2/m]; gradients: (n,
     dim, n_rows) [1/m] of the rotations, None for a body without static condensation, whose F needs none; rest_rows:
     (n_rows, dim) [m]; affine_part: see `Handles.affine_part`; gravity: (dim,) [m/s^2]."""
 
@@ -103,8 +106,7 @@ class Prestrain:
 
 @dataclass(frozen=True, eq=False)
 class NodePrestrain:
-    """At some of the contact nodes (m,), in the frame of a step. rows: q (n_rows, dim); rotations: R (m, dim, dim). A
-    strain has s components, see `strain_components`."""
+    """At some of the contact nodes (m,), in the frame of a step. rows: q (n_rows, dim); rotations: R (m, dim, dim)."""
 
     of: Prestrain
     nodes: IntArray
@@ -113,13 +115,23 @@ class NodePrestrain:
 
     @lazy
     def value(self) -> Array:
-        """E (m, s)."""
-        green = 0.5 * (np.swapaxes(self.F, 1, 2) @ self.F - np.eye(self.F.shape[1]))
-        return np.asarray(green[:, *strain_components(self.F.shape[1])])
+        """E (m, dim^2)."""
+        A = self.green
+        return np.asarray((A - 0.5 * A @ A).reshape(len(A), -1))
+
+    @lazy
+    def green(self) -> Array:
+        """A (m, dim, dim)."""
+        return np.asarray(0.5 * (np.swapaxes(self.F, 1, 2) @ self.F - np.eye(self.F.shape[1])))
+
+    def by_green(self, by_strain: Array) -> Array:
+        """What there is by A (m, dim, dim), symmetric, of what there is by E (m, dim^2)."""
+        T, A = _symmetric(by_strain.reshape(self.green.shape)), self.green
+        return T - _symmetric(A @ T)
 
     def pulled_back(self, by_strain: Array) -> Array:
-        """sum_i M_i : dE_i/drows (n_rows, dim) of M by the components of the strain (m, s)."""
-        by_F = self.F @ symmetric(by_strain, self.F.shape[1])
+        """sum_i T_i : dE_i/drows (n_rows, dim) of T (m, dim^2)."""
+        by_F = self.F @ self.by_green(by_strain)
         by_rows = (by_F.reshape(len(by_F), 1, -1) @ self._modes).reshape(-1, *self.rows.shape)
         return np.asarray((by_rows @ self.rotations.swapaxes(1, 2)).sum(axis=0))
 
@@ -154,25 +166,46 @@ class StrainMotions:
 
     @lazy
     def strain(self) -> Array:
-        """dE (m, s, n)."""
+        """dE (m, dim^2, n)."""
         m, dim, _, n = self.dF.shape
-        crossed = (self.of.F.swapaxes(1, 2) @ self.dF.reshape(m, dim, dim * n)).reshape(self.dF.shape)
-        a, b = strain_components(dim)
-        return np.asarray(0.5 * (crossed[:, a, b] + crossed[:, b, a]))
+        turned = (self.of.green @ self._green.reshape(m, dim, dim * n)).reshape(self.dF.shape)
+        return np.asarray((self._green - _symmetric(turned)).reshape(m, dim * dim, n))
 
     def bending(self, by_strain: Array) -> Array:
-        """sum_i M_i : d2E_i (n, n) of M by the components of the strain (m, s)."""
-        n = self.dF.shape[3]
-        bent = symmetric(by_strain, self.dF.shape[1])[:, None] @ self.dF
-        return np.asarray(self.dF.reshape(-1, n).T @ bent.reshape(-1, n))
+        """sum_i T_i : d2E_i (n, n) of T (m, dim^2)."""
+        m, dim, _, n = self.dF.shape
+        T = _symmetric(by_strain.reshape(m, dim, dim))
+        found = _between(self.dF, self.of.by_green(by_strain)[:, None] @ self.dF)
+        return found - _between(self._green, (T @ self._green.reshape(m, dim, dim * n)).reshape(self.dF.shape))
+
+    @lazy
+    def _green(self) -> Array:
+        """dA (m, dim, dim, n)."""
+        m, dim, _, n = self.dF.shape
+        return _symmetric((self.of.F.swapaxes(1, 2) @ self.dF.reshape(m, dim, dim * n)).reshape(self.dF.shape))
 
 
-def symmetric(by_strain: Array, dim: int) -> Array:
-    """M (m, dim, dim) with M : E the product with the components of a strain (m, s)."""
-    (a, b), found = strain_components(dim), np.zeros((len(by_strain), dim, dim))
-    found[:, a, b] = 0.5 * by_strain
-    found[:, b, a] += 0.5 * by_strain
-    return found
+def largest_cells(mesh: Mesh, nodes: IntArray) -> tuple[IntArray, Array]:
+    """(n, 4) the largest of the cells that each node (n,) is a corner of, and their volumes [m^dim]; where there are
+    fewer, the smallest again, with no volume."""
+    corners = mesh.cells.ravel()
+    of = np.repeat(np.arange(len(mesh.cells)), mesh.cells.shape[1])
+    order = np.lexsort((-mesh.cell_volumes[of], corners))
+    first, last = (np.searchsorted(corners[order], nodes, side) for side in ("left", "right"))
+    place = first[:, None] + np.arange(_CELLS)
+    cells = of[order][np.minimum(place, last[:, None] - 1)]
+    return cells, np.where(place < last[:, None], mesh.cell_volumes[cells], 0.0)
+
+
+def _symmetric(M: Array) -> Array:
+    """In the second and third axis (m, dim, dim, ...)."""
+    return np.asarray(0.5 * (M + M.swapaxes(1, 2)))
+
+
+def _between(one: Array, other: Array) -> Array:
+    """sum one : other (n, n) of (m, dim, dim, n) each."""
+    n = one.shape[3]
+    return np.asarray(one.reshape(-1, n).T @ other.reshape(-1, n))
 
 
 _KEPT: WeakKeyDictionary[SurfaceCompliance, dict[bool, Prestrain]] = WeakKeyDictionary()

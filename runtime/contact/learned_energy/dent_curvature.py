@@ -1,7 +1,7 @@
-"""Second derivatives of the measures of the dent of a solved contact, times what they count.
+"""Second derivatives of the energies of the dent of a solved contact, times their shares.
 
-The measures (`runtime/contact/dents/dent_measures.py`) are functions of the contact forces phi in rest coordinates and
-of the strain E of the body. With lambda and mu as in `hardened_contact.py`, and in the symbols of
+The energies M (`runtime/contact/dents/dent_energies.py`) are functions of the contact forces phi in rest coordinates
+and of the strain E of the body. With lambda and mu as in `hardened_contact.py`, and in the symbols of
 `runtime/contact/linearised/contact_motions.py`, for two motions
 
     d2M = d(phi, E) . M_zz d(phi, E)' + dy . C dy'
@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.dents.dent_measures import DentChange, DentMeasures
+from softprint.runtime.contact.dents.dent_energies import DentChange, DentEnergies
 from softprint.runtime.contact.dents.prestrain import StrainMotions
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
 from softprint.runtime.contact.linearised.contact_motions import ContactMotions
@@ -42,20 +42,20 @@ class DentMotions(NamedTuple):
 
 
 class DentCurvature:
-    """a d2sigma + b d2chi of a contact with active points. counted: (a, b); response: lambda and mu (k, dim), so
-    counted."""
+    """share . d2(W_2, W_3, W_4, W_E) of a contact with active points. share: (4,); response: lambda and mu (k, dim), of
+    the same shares."""
 
     def __init__(
         self,
         contact: LinearisedContact,
         response: tuple[Array, Array],
-        counted: Array,
-        measures: DentMeasures,
+        share: Array,
+        dent: DentEnergies,
     ) -> None:
         factor, solution = contact.factor, contact.solved.solution
         b = solution.active
         p, e, g, H = solution.pressure[b], solution.penetration[b], solution.normal[b], solution.curvature[b]
-        self._contact, self._counted, self._measures = contact, counted, measures
+        self._contact, self._share, self._dent = contact, share, dent
         self._forces, self._at_rest = response
         self._moved = factor.to_world(self._at_rest.reshape(-1, 1)).reshape(g.shape)
         self._curvature = _force_curvature(p, e, g, _symmetric(H), -self._moved)
@@ -105,7 +105,7 @@ class DentCurvature:
         bent = blocks_to_world(self._curvature, other.motions.deformed)
         crossed = _crossed(one, other)
         crossed = crossed + (crossed.T if one is other else _crossed(other, one).T)
-        by_dent = self._measures.curvature(self._counted, one.dent, other.dent)
+        by_dent = self._dent.curvature(self._share, one.dent, other.dent)
         return np.asarray(one.motions.deformed.T @ bent + crossed + by_dent)
 
 

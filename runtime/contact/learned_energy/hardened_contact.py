@@ -1,18 +1,19 @@
-"""A contact under the learned energy: the exact gradient of W~(W, sigma, chi), forces at points, and the Hessian.
+"""A contact under the learned energy W~(W, W_2, W_3, W_4, W_E): exact gradient, forces at points, and the Hessian.
 
-W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the measures of the dent, sigma
-and chi (`runtime/contact/dents/dent_measures.py`), by the contact forces. With w = dM/dphi the derivative of a measure
-by the forces in rest coordinates, and in the symbols of `linearised_contact.py`, it changes by w . (dphi + A^T df):
+W has derivatives from one contact solve (`runtime/contact/linearised/`), and so have the energies of the dent, W_2 to
+W_4 and W_E (`runtime/contact/dents/dent_energies.py`), by the contact forces. With w = dM/dphi the derivative of one of
+them by the forces in rest coordinates, and in the symbols of `linearised_contact.py`, it changes by w . (dphi + A^T
+df):
 
     -lambda . dxi - mu . dphi,    lambda = D (I + G_w D)^-1 A w,    mu = G A^T lambda - w,
 
-and sigma by dsigma/dE : dE, too, with the strain of the body. So W~ pushes the body with the forces W~_W f_j + lambda_j
-where W pushes it with f_j, by moments A mu x f, and by stresses dsigma/dE in its cells: forces and moments on body and
-collider balance. In l = (log W, sigma, chi),
+and W_E by dW_E/dE : dE, too, with the strain of the body. So W~ pushes the body with the forces W~_W f_j + lambda_j
+where W pushes it with f_j, by moments A mu x f, and by stresses dW_E/dE in its cells: forces and moments on body and
+collider balance. In l = (log W, W_2, W_3, W_4, W_E),
 
     dW~ = W~_l . dl,    d2W~ = dl . W~_ll dl + W~_l . d2l,
 
-with d2sigma and d2chi in `dent_curvature.py`.
+with d2 of the energies of the dent in `dent_curvature.py`.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array, BoolArray
-from softprint.runtime.contact.dents.dent_measures import DentMeasures
+from softprint.runtime.contact.dents.dent_energies import DentEnergies
 from softprint.runtime.contact.learned_energy.dent_curvature import DentCurvature
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.linearised.collider_sensitivity import ColliderSensitivity
@@ -47,11 +48,11 @@ class PointForces(NamedTuple):
 
 
 class HardenedContact:
-    """The learned energy of a contact with active points, with the measures of its dent."""
+    """The learned energy of a contact with active points, with the energies of its dent."""
 
-    def __init__(self, contact: LinearisedContact, learned: LearnedEnergy, measures: DentMeasures) -> None:
-        self._contact, self._mechanics, self._measures = contact, contact.solved.solution.energy, measures
-        self._terms = learned.terms(self._mechanics, measures.stiffening, measures.excess)
+    def __init__(self, contact: LinearisedContact, learned: LearnedEnergy, dent: DentEnergies) -> None:
+        self._contact, self._mechanics, self._dent = contact, contact.solved.solution.energy, dent
+        self._terms = learned.terms(self._mechanics, dent.values)
 
     @property
     def energy(self) -> float:
@@ -63,19 +64,19 @@ class HardenedContact:
         """dW~/drows (n_rows, dim) [N]."""
         forces, moved = self._weighted_response
         by_points = self._contact.work(self._stiffened * self._contact.force + forces, moved)
-        return self._measures.prestrain.pulled_back(self._stresses) - by_points
+        return self._dent.prestrain.pulled_back(self._stresses) - by_points
 
     def hessian(self, along: Array | None = None) -> Array:
         """d2W~/drows2, see `RowHessian`."""
-        contact, of_measures = self._contact, self._curvature
+        contact, of_dent = self._contact, self._curvature
         motions, slopes = contact.motions.along(along), self._row_slopes
         slopes = slopes if along is None else along.T @ slopes
         found = self._stiffened * motions.second(motions) + slopes @ self._outer @ slopes.T
-        strains = self._measures.prestrain.motions(along)
-        rows = of_measures.by_rows(motions, strains, along)
-        found = found + of_measures.between(rows, rows) + strains.bending(self._stresses)
+        strains = self._dent.prestrain.motions(along)
+        rows = of_dent.by_rows(motions, strains, along)
+        found = found + of_dent.between(rows, rows) + strains.bending(self._stresses)
         forces = self._stiffened * contact.force + self._weighted_response[0]
-        moments = self._stiffened * contact.moments + of_measures.moments
+        moments = self._stiffened * contact.moments + of_dent.moments
         return np.asarray(found - contact.bending(forces, moments, along))
 
     def twist_gradient(self, own: ColliderSensitivity) -> Array:
@@ -87,21 +88,16 @@ class HardenedContact:
         (mixed, twice), slopes = own.blocks(), self._twist_slopes(own)
         mixed = self._stiffened * mixed + self._row_slopes @ self._outer @ slopes.T
         twice = self._stiffened * twice + slopes @ self._outer @ slopes.T
-        of_measures = self._curvature
-        strains, twist = self._measures.prestrain.motions(), of_measures.by_twist(own)
-        rows = of_measures.by_rows(self._contact.motions, strains)
-        return mixed + of_measures.mixed(rows, own, twist), twice + of_measures.twice(own, twist)
+        of_dent = self._curvature
+        strains, twist = self._dent.prestrain.motions(), of_dent.by_twist(own)
+        rows = of_dent.by_rows(self._contact.motions, strains)
+        return mixed + of_dent.mixed(rows, own, twist), twice + of_dent.twice(own, twist)
 
     def link(self, one: ColliderSensitivity, other: ColliderSensitivity) -> Array:
         """See `ColliderSensitivity`."""
         outer = self._twist_slopes(one) @ self._outer @ self._twist_slopes(other).T
         twists = (self._curvature.by_twist(of) for of in (one, other))
         return np.asarray(self._stiffened * one.link(other) + outer + self._curvature.between(*twists))
-
-    @property
-    def excess_slope(self) -> Array:
-        """dchi/drows (n_rows, dim) [1/m]."""
-        return self._row_slopes[:, 2].reshape(self._contact.gradient.shape)
 
     @lazy
     def point_forces(self) -> PointForces:
@@ -119,41 +115,41 @@ class HardenedContact:
 
     @lazy
     def _response(self) -> tuple[Array, Array]:
-        """lambda and mu (k*dim, 2) of sigma and chi."""
-        factor, slopes = self._contact.factor, self._measures.slopes
+        """lambda and mu (k*dim, 4) of W_2, W_3, W_4 and W_E."""
+        factor, slopes = self._contact.factor, self._dent.slopes
         forces = factor.effective_stiffness(factor.to_world(slopes)).astype(np.float64)
         moved = factor.rest_displacement(factor.to_rest(forces)) - slopes
         return forces, np.asarray(moved, dtype=np.float64)
 
     @lazy
     def _weighted_response(self) -> tuple[Array, Array]:
-        """lambda and mu (k, dim), of sigma times W~_sigma and of chi times W~_chi."""
+        """lambda and mu (k, dim), each times the derivative of W~ by that energy."""
         forces, moved = (part @ self._terms.slope[1:] for part in self._response)
         shape = self._contact.force.shape
         return forces.reshape(shape), moved.reshape(shape)
 
     @property
     def _stresses(self) -> Array:
-        """W~_sigma dsigma/dE, by the components of E (m, s) [J]."""
-        return self._terms.slope[1] * self._measures.by_prestrain
+        """W~_W_E dW_E/dE (n, dim^2) [J]."""
+        return self._terms.slope[4] * self._dent.by_prestrain
 
     @lazy
     def _row_slopes(self) -> Array:
-        """dl (R, 3) by the rows."""
+        """dl (R, 5) by the rows."""
         by_energy = self._contact.gradient.reshape(-1, 1) / self._mechanics
-        by_measures = -_work(self._contact.motions, self._response)
-        by_measures[:, 0] += self._measures.prestrain.pulled_back(self._measures.by_prestrain).ravel()
-        return np.hstack([by_energy, by_measures])
+        by_dent = -_work(self._contact.motions, self._response)
+        by_dent[:, 3] += self._dent.prestrain.pulled_back(self._dent.by_prestrain).ravel()
+        return np.hstack([by_energy, by_dent])
 
     def _twist_slopes(self, own: ColliderSensitivity) -> Array:
-        """dl (n_twist, 3) by the motion of a collider."""
+        """dl (n_twist, 5) by the motion of a collider."""
         by_energy = own.gradient[:, None] / self._mechanics
         return np.hstack([by_energy, -_work(own.motions, self._response)])
 
     @lazy
     def _curvature(self) -> DentCurvature:
-        """W~_sigma d2sigma + W~_chi d2chi."""
-        return DentCurvature(self._contact, self._weighted_response, self._terms.slope[1:], self._measures)
+        """W~_l . d2l of the energies of the dent."""
+        return DentCurvature(self._contact, self._weighted_response, self._terms.slope[1:], self._dent)
 
     @property
     def _stiffened(self) -> float:
@@ -162,14 +158,14 @@ class HardenedContact:
 
     @lazy
     def _outer(self) -> Array:
-        """(3, 3) what multiplies products of dl."""
+        """(5, 5) what multiplies products of dl."""
         outer = self._terms.curvature.copy()
         outer[0, 0] -= self._terms.slope[0]
         return outer
 
 
 def _work(motions: ContactMotions, response: tuple[Array, Array]) -> Array:
-    """lambda . dxi + mu . dphi (n, 2) of n motions."""
+    """lambda . dxi + mu . dphi (n, 4) of n motions."""
     forces, moved = response
     return np.asarray(motions.position.T @ forces + motions.force.T @ moved)
 

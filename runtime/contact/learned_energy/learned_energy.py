@@ -1,18 +1,19 @@
 """The learned energy of condensed contact: how it departs from that of linear mechanics, for any collider.
 
 Linear mechanics gives the energy W of a contact and of its dent as a function of the handle rows and the poses
-(`runtime/contact/linearised/`). Two measures of the dent correct it (`runtime/contact/dents/dent_measures.py`): the
-strain that the body has without the dent makes the flesh there stiffer or softer, by sigma; and the body hardens as its
-dent grows, by the excess chi,
+(`runtime/contact/linearised/`). Perturbation theory gives what it lacks
+(`runtime/contact/dents/dent_energies.py`): the energy W_E of the dent in the strain that the body has without it, which
+makes the flesh there stiffer or softer, for the energy W_2 that linear mechanics has in the same cells; and W_3 and
+W_4, by which the body hardens as the dent grows:
 
-    W~ = W exp(sigma) (1 + chi)^b.
+    W~ = W exp(tanh(W_E / W_2)) (1 + chi),    chi = (W_3 + b W_4) / W,
 
-The material and linear mechanics give both measures. That sigma counts once is what a strain does to first order; only
-how much of the excess counts, b, is learned, so that it holds for dents much deeper than those of training. The smaller
-a dent is, the nearer is its energy to that of linear mechanics in the strained body; with exp(b chi) shallow dents
-would be too stiff where deep ones are right (docs/method.md, the learned energy). Contacts that lie apart are dents of
-their own, with energies that add up.
-Derivatives of W~ by W and the measures are in closed form, so that forces are exact, whatever the solve depends on
+for chi < 0, where 1 + chi may vanish, with exp(chi - chi^2 / 2) in place of 1 + chi. W_E and W_3 count once, which is
+what the material says. Only b is learned: how much of the energy of fourth order is left when the body has relaxed
+where linear mechanics displaces it too much. So the smaller a dent is, the less is learned of it. Contacts that lie
+apart are dents of their own, with energies that add up.
+
+Derivatives of W~ by all five energies are in closed form, so that forces are exact, whatever the solve depends on
 (`hardened_contact.py`).
 """
 
@@ -24,67 +25,105 @@ from typing import NamedTuple
 import numpy as np
 
 from softprint.runtime.arrays import Array
-from softprint.runtime.contact.dents.ratio_functions import RatioFunction, continued_logarithm
 
-#: The least and the largest b. From the least on W~ grows with the dent: chi grows by at most 10 d|H|/|H|, as no solid
-#: here has an energy of more than the twelfth power of H where that is large, and W grows with H^2 at least. At the
-#: largest nothing relaxes that linear mechanics displaces too much.
-LEAST, MOST = -0.2, 1.0
+#: The least and the largest b: all relaxes, or nothing does, and cells that are not looked at have as much again twice.
+LEAST, MOST = 0.0, 3.0
+# Energies below it [J] are none.
+_TINY = 1e-100
 
 
 class EnergyTerms(NamedTuple):
-    """W~ [J], and its derivatives by (log W, sigma, chi) (3,), (3, 3) [J]."""
+    """W~ [J], and its derivatives by (log W, W_2, W_3, W_4, W_E) (5,) and (5, 5)."""
 
     value: float
     slope: Array
     curvature: Array
 
 
-def hardening(excess: float) -> RatioFunction:
-    """eta = log(1 + chi) and its derivatives, see `continued_logarithm`."""
-    return continued_logarithm(np.asarray(excess))
-
-
 @dataclass(frozen=True)
 class LearnedEnergy:
-    """growth: b of the module. Of mechanics, or `held`, are energies that sigma does not count in, with a ratio to that
-    of linear mechanics."""
+    """fourth: b of the module. Of mechanics, or `held`, are energies that nothing counts in but W, with a ratio to
+    it."""
 
-    growth: float
+    fourth: float
     ratio: float = 1.0
     is_proportional: bool = False
 
     @classmethod
     def of_mechanics(cls) -> LearnedEnergy:
         """W~ = W: that of linear mechanics."""
-        return cls(0.0, is_proportional=True)
+        return cls(LEAST, is_proportional=True)
 
     @classmethod
     def of(cls, values: tuple[float, ...]) -> LearnedEnergy:
         """From `values`. Raises ValueError where they are not of an energy that grows with that of mechanics."""
         if len(values) != 1 or not np.isfinite(values).all():
             raise ValueError(f"a learned energy has one finite value, not {values}")
-        (growth,) = values
-        if not LEAST <= growth <= MOST:
+        (fourth,) = values
+        if not LEAST <= fourth <= MOST:
             raise ValueError(
-                f"a learned energy with b = {growth:g} does not grow: it needs {LEAST:g} <= b <= {MOST:g}"
+                f"a learned energy with b = {fourth:g} is of no body: it needs {LEAST:g} <= b <= {MOST:g}"
             )
-        return cls(growth)
+        return cls(fourth)
 
     @property
     def values(self) -> tuple[float, ...]:
         """(b,)."""
-        return (self.growth,)
+        return (self.fourth,)
 
     def held(self, ratio: float) -> LearnedEnergy:
         """W~ = ratio W."""
-        return LearnedEnergy(0.0, ratio, is_proportional=True)
+        return LearnedEnergy(LEAST, ratio, is_proportional=True)
 
-    def terms(self, energy: float, stiffening: float, excess: float) -> EnergyTerms:
-        """W~ at an energy W [J] of mechanics, and the measures sigma and chi."""
-        eta, counted = hardening(excess), 0.0 if self.is_proportional else 1.0
-        value = self.ratio * energy * float(np.exp(counted * stiffening + self.growth * eta.value))
-        slope = np.array([1.0, counted, self.growth * float(eta.slope)])
-        curvature = np.outer(slope, slope)
-        curvature[2, 2] += self.growth * eta.bend
-        return EnergyTerms(value, value * slope, value * curvature)
+    def terms(self, W: float, of_dent: Array) -> EnergyTerms:
+        """W~ at an energy W [J] of mechanics, and those of the dent, (W_2, W_3, W_4, W_E) (4,) [J]."""
+        if self.is_proportional:
+            value = self.ratio * W
+            only = np.zeros((5, 5))
+            only[0, 0] = value
+            return EnergyTerms(value, only[0], only)
+        W_2, W_3, W_4, W_E = (float(of) for of in of_dent)
+        of_chi = np.array([1.0, self.fourth]) / W
+        strain, growth = _StrainFactor.of(W_E, max(W_2, _TINY)), _Growth.of((W_3 + self.fourth * W_4) / W)
+        chi, p, q = growth.chi, growth.slope, growth.bend
+        slope = np.concatenate([[1.0 - chi * p], strain.slope[:1], p * of_chi, strain.slope[1:]])
+        bend = np.zeros((5, 5))
+        bend[0, 0] = chi * p + chi**2 * q
+        bend[0, 2:4] = bend[2:4, 0] = -(p + chi * q) * of_chi
+        bend[2:4, 2:4] = q * np.outer(of_chi, of_chi)
+        bend[1::3, 1::3] = strain.bend
+        value = W * float(np.exp(strain.value + growth.value))
+        return EnergyTerms(value, value * slope, value * (np.outer(slope, slope) + bend))
+
+
+class _StrainFactor(NamedTuple):
+    """tanh(W_E / W_2), and its derivatives by (W_2, W_E) (2,) and (2, 2)."""
+
+    value: float
+    slope: Array
+    bend: Array
+
+    @classmethod
+    def of(cls, W_E: float, W_2: float) -> _StrainFactor:
+        ratio = W_E / W_2
+        t = float(np.tanh(ratio))
+        u = 1.0 - t**2
+        v = -2.0 * t * u
+        crossed = -(v * ratio + u)
+        bend = np.array([[v * ratio**2 + 2.0 * u * ratio, crossed], [crossed, v]]) / W_2**2
+        return cls(t, np.array([-u * ratio, u]) / W_2, bend)
+
+
+class _Growth(NamedTuple):
+    """log(1 + chi), for chi < 0 continued to second order, and its derivatives by chi."""
+
+    chi: float
+    value: float
+    slope: float
+    bend: float
+
+    @classmethod
+    def of(cls, chi: float) -> _Growth:
+        if chi > 0.0:
+            return cls(chi, float(np.log1p(chi)), 1.0 / (1.0 + chi), -1.0 / (1.0 + chi) ** 2)
+        return cls(chi, chi - chi**2 / 2.0, 1.0 - chi, -1.0)

@@ -1,8 +1,8 @@
 """A step whose learned energy has no minimum within reach, with the hardening of contact held.
 
-The excess of a dent is a function of the contact forces of linear mechanics. Where one equilibrium of these ends, as
-where a point of the body is about to slide around a thin rod, they change without bound, and so does the excess, though
-the energy of mechanics does not. The learned energy W~ may fall all the way to that end, and beyond it be higher: then
+The energies of a dent are functions of the contact forces of linear mechanics. Where one equilibrium of these ends, as
+where a point of the body is about to slide around a thin rod, they change without bound, and so do these energies,
+though that of mechanics does not. The learned energy W~ may fall all the way to that end, and beyond it be higher: then
 it has no minimum there. Such a step is taken with c W, the energy of mechanics times the ratio c of the forces of W~
 and W at its start. It says so by its status. A step that is given only a few iterations, as in real time, need not have
 come to a minimum, and is left as it is.

@@ -42,6 +42,7 @@ def correction(
     if mechanics is None:
         raise ValueError(f"correction {name!r} needs the mechanics of its body")
     own = mechanics if model.options.static_condensation else mechanics._replace(condensation=None)
+    own = model.settled(body, own)
     return ForceCorrection(name, model, body, collider, own)
 
 

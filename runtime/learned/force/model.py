@@ -15,13 +15,15 @@ of the collider, on its identity, or on the position on it. With y = y' = 0 the 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal, Self
 
 import torch
 from torch import Tensor, nn
 from torch.nn.functional import pad
 
+from softprint.runtime.body.body import ReducedBody
+from softprint.runtime.body.rotations import rotation_dofs
 from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.contact.penalty import PenaltyContact
 from softprint.runtime.learned.fade import Fade
@@ -29,6 +31,8 @@ from softprint.runtime.learned.force.confidence import Confidence
 from softprint.runtime.learned.force.inputs import DIRECTIONS, least_spread, n_contact_inputs
 from softprint.runtime.learned.form import LearnedModel, ModelOptions
 from softprint.runtime.learned.network import Mlp, spread
+from softprint.runtime.mechanics.body_mechanics import BodyMechanics
+from softprint.runtime.mechanics.joint_settling import Joints, JointSettling
 
 SATURATION = 4.0  # R
 
@@ -39,7 +43,7 @@ class ForceModelOptions(ModelOptions):
     band [m]: contact points up to this distance outside the collider are included; stiffness: of the penalty contact
     [N/m^4]; static_condensation: whether reduced positions include static condensation; refinement,
     reduced_refinement: of the contact law, see `PenaltyContact`; energy: `values` of the `LearnedEnergy` of contact,
-    none without one."""
+    none without one; settling: states, joints and nodes of the `JointSettling`, none without one."""
 
     widths: tuple[int, ...]
     activation: Literal["tanh", "silu", "softplus", "elu"]
@@ -50,6 +54,7 @@ class ForceModelOptions(ModelOptions):
     refinement: int = 2
     reduced_refinement: int = 1
     energy: tuple[float, ...] = ()
+    settling: tuple[int, ...] = ()
 
     @property
     def learned(self) -> LearnedEnergy | None:
@@ -59,7 +64,8 @@ class ForceModelOptions(ModelOptions):
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Self:
         """See `ModelOptions`. Raises ValueError for an energy that does not grow, too."""
-        options = super().from_json({**values, "energy": tuple(values["energy"])})
+        lists = {name: tuple(values[name]) for name in ("energy", "settling")}
+        options = super().from_json({**values, **lists})
         if options.energy:
             LearnedEnergy.of(options.energy)
         return options
@@ -80,6 +86,8 @@ class ForceModel(LearnedModel):
     depth_mean: Tensor
     depth_scale: Tensor
     traction_scale: Tensor
+    settling_angles: Tensor
+    settling_weights: Tensor
 
     def __init__(self, options: ForceModelOptions, dim: int, n_rows: int) -> None:
         super().__init__()
@@ -96,6 +104,29 @@ class ForceModel(LearnedModel):
         self.register_buffer("depth_mean", torch.zeros(1))
         self.register_buffer("depth_scale", torch.ones(1))
         self.register_buffer("traction_scale", torch.ones(()))
+        if options.settling:
+            states, joints, nodes = options.settling
+            angles = torch.zeros(states, joints, rotation_dofs(dim), dtype=torch.float64)
+            self.register_buffer("settling_angles", angles)
+            self.register_buffer("settling_weights", torch.zeros(nodes, dim, states))
+
+    @torch.no_grad()
+    def settle(self, settling: JointSettling) -> None:
+        """Keep what is learned of joints, of the sizes of the options."""
+        self.settling_angles.copy_(torch.from_numpy(settling.angles))
+        self.settling_weights.copy_(torch.from_numpy(settling.weights))
+
+    def settled(self, body: ReducedBody, mechanics: BodyMechanics) -> BodyMechanics:
+        """The mechanics of a body with what is learned of its joints, if anything. Raises ValueError for another
+        body."""
+        if not self.options.settling or mechanics.condensation is None:
+            return mechanics
+        angles, weights = self.settling_angles.cpu().numpy(), self.settling_weights.cpu().numpy()
+        joints = Joints.of(body)
+        if (len(joints.pairs), body.n_nodes) != self.options.settling[1:]:
+            raise ValueError(f"its settling is of another body than {body.name!r}, with other joints or nodes")
+        settling = JointSettling(joints, angles, weights)
+        return mechanics._replace(condensation=replace(mechanics.condensation, settling=settling))
 
     @torch.no_grad()
     def normalise(self, local: Tensor, depth: Tensor, force: Tensor, lever: Tensor) -> None:

@@ -195,10 +195,11 @@ def strains_of_contact_nodes(rng, dim):
 
 
 def strains_among(rng, dim):
-    """M contact nodes, those near each, and their places among twice as many blocks."""
+    """M contact nodes, how many components they have, those near each, and their places among twice as many blocks."""
     starts, others = neighbours(rng)
     pairs = np.sort(rng.permutation(2 * len(others))[: len(others)])
-    return starts, others, pairs, rng.normal(size=(2 * len(others), 2 * dim**2, dim)).astype(np.float32)
+    blocks = rng.normal(size=(2 * len(others), 2 * dim**2, dim)).astype(np.float32)
+    return rng.integers(1, 2 * dim**2 + 1, M), starts, others, pairs, blocks
 
 
 def cell_groups(rng, dim):
@@ -318,9 +319,9 @@ INPUTS = {
     },
     "contact.dents.dent_strain_kernels": {
         "strain_blocks": strains_of_contact_nodes,
-        "near_among": lambda rng, dim: (np.array([0, 2, 3]), *neighbours(rng)),
+        "near_among": lambda rng, dim: (np.array([0, 2, 3]), np.array([1, 2]), *neighbours(rng)),
         "strains_by": lambda rng, dim: (*strains_among(rng, dim), rng.normal(size=(M, dim, 4))),
-        "forces_by": lambda rng, dim: (*strains_among(rng, dim), rng.normal(size=(M, 2 * dim**2, 3))),
+        "forces_by": lambda rng, dim: (M, *strains_among(rng, dim), rng.normal(size=(M, 2 * dim**2, 3))),
     },
     "contact.piercing_kernels": {
         "bounds": lambda rng, dim: (rng.normal(size=(M, dim)),),
