@@ -23,10 +23,10 @@ def summarise(path: Path, part: Part) -> Summary:
     kept = json.loads(path.read_text(encoding="utf-8"))
     try:
         errors = kept["errors"]
-        energy = LearnedEnergy.of_mechanics() if kept["energy"] is None else LearnedEnergy.of(kept["energy"])
+        energy = None if kept["energy"] is None else LearnedEnergy.of(kept["energy"])
         facts = {
             "converged": errors["converged"],
-            "b": energy.fourth,
+            "b": "none: that of linear mechanics" if energy is None else energy.fourth,
         }
         compared = {
             f"{kind}, {model}": errors[model][kind]

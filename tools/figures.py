@@ -59,7 +59,7 @@ _WHOLE = (
 )
 _HAND_LBS = (
     "examples/hand_small.toml --set 'body.handles.subspace=\"linear_blend_skinning\"' "
-    "--set sampling.places=1 --out runs/hand_lbs"
+    "--set sampling.states=1 --set sampling.places=1 --out runs/hand_lbs"
 )
 _JOINT = "--model mechanics+modes --model mechanics+more --model ours+modes --model ours+more"
 _MODELS = "--model full --model bare --model mechanics --model ours"

@@ -72,7 +72,8 @@ class _Changes(NamedTuple):
 
 
 class DentCells(NamedTuple):
-    """The cells at the contact nodes of a body, in which the energies of dents are."""
+    """The cells at the contact nodes of a body, in which the energies of dents are. tangent: D2Psi(I) of all, or one
+    for all (n*CELLS or 1, dim^2, dim^2) [Pa]; light: mu a / 20 [N]."""
 
     strain: DentStrain
     prestrain: Prestrain
@@ -243,7 +244,7 @@ class DentEnergies:
         higher, E = self.elasticity.higher, self._E
         return higher.third_along(E) + 0.5 * higher.fourth_along(E, E)
 
-    @property
+    @lazy
     def _E(self) -> Array:
         """In the cells (n CELLS, dim^2)."""
         return np.repeat(self.prestrain.value, CELLS, axis=0)

@@ -26,7 +26,7 @@ import numpy as np
 
 from softprint.runtime.arrays import Array
 
-#: The least and the largest b: all relaxes, or nothing does, and cells that are not looked at have as much again twice.
+#: The least and the largest b: all of W_4 relaxes; or nothing does, and the cells below the layer have twice as much.
 LEAST, MOST = 0.0, 3.0
 # Energies below it [J] are none.
 _TINY = 1e-100
