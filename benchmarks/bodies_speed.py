@@ -33,6 +33,7 @@ from softprint.runtime.cli.script import run_script
 from softprint.runtime.cli.verbs.bench_verb import all_or_count
 from softprint.runtime.colliders.build import build_collider
 from softprint.runtime.contact import PenaltyContact
+from softprint.runtime.contact.learned_energy.learned_energy import LearnedEnergy
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import ModelSpec
 from softprint.runtime.experiment.experiment import ANY_COLLIDER
@@ -54,15 +55,15 @@ from softprint.runtime.scenes.speed import Speed, machine, measure, with_newton
 # Of the table: heading and width of what is counted.
 _COLUMNS = (("tets", 8), ("points", 8), ("frames", 8), ("dofs", 6))
 _MODELS = ("bare", "thesis", "ours", "full")
-# The numbers of a learned energy, about as bodies of the examples have it: without one, contact is that of mechanics.
-_ENERGY = (-0.3, 0.2, 0.3)
+# About as bodies of the examples have it: without one, contact is that of mechanics.
+_ENERGY = LearnedEnergy(0.3)
 
 
 def stand_in(context: Context, spec: ModelSpec, body: ReducedBody, contact_nodes: int, path: Path) -> None:
     """Write an untrained correction for any collider, with an energy that hardens, which costs what a trained one
     does."""
     torch.manual_seed(0)
-    own = replace(force_options(spec, body, PenaltyContact.of(context.experiment.contact)), energy=_ENERGY)
+    own = replace(force_options(spec, body, PenaltyContact.of(context.experiment.contact)), energy=_ENERGY.values)
     model = ForceModel(own, body.dim, body.n_rows)
     header, _ = RunMechanics(context, body).get(contact_nodes)
     told = {"untrained": "a stand-in for measurements of speed"}

@@ -34,7 +34,7 @@ from softprint.runtime.colliders import Box, Collider, Cone, Cylinder, Keyframed
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.experiment import Experiment, load_experiment
-from softprint.runtime.learned.correction import Correction
+from softprint.runtime.learned.correction import Correction, mechanics_of
 from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
 from softprint.runtime.scenes.experiment_body import body_of_experiment
@@ -103,12 +103,13 @@ class Presses:
         if model == "full":
             return FullSpaceSimulator(self.body, [PlacedCollider(shape.name, shape, path)], **common)
         correction: Correction | None = None
+        mechanics = None if model == "bare" else self.mechanics
         if model not in MODELS:
             assert self.run is not None  # there are models
             assert self.mechanics is not None
             file = self.run / "corrections" / f"{model}.safetensors"
             correction = load_correction(file, self.body, shape, self.mechanics)
-        mechanics = None if model == "bare" else self.mechanics
+            mechanics = mechanics_of([correction], mechanics)
         placed = [PlacedCollider(shape.name, shape, path, correction)]
         return Simulator(self.body, placed, mechanics=mechanics, **common)
 

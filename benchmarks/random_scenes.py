@@ -61,6 +61,7 @@ from softprint.runtime.dynamics import (
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import load_experiment
 from softprint.runtime.io.files import atomic_path
+from softprint.runtime.learned.correction import mechanics_of
 from softprint.runtime.learned.correction_file import read_correction
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 from softprint.runtime.mechanics.mechanics_file import load_mechanics, mechanics_path
@@ -128,8 +129,11 @@ class Scenes:
         thrown, led = [(True, False), (False, True), (True, True)][rng.integers(3)]
         colliders = [*([self._thrown(rng)] if thrown else []), *([self._led(rng)] if led else [])]
         with_mechanics, with_friction = rng.random() < 0.7, rng.random() < 0.5
+        mechanics = self.mechanics if with_mechanics else None
         if self.correction is not None and with_mechanics:
-            colliders = [replace(c, correction=self.correction.on(c.collider)) for c in colliders]
+            corrections = [self.correction.on(c.collider) for c in colliders]
+            colliders = [replace(c, correction=own) for c, own in zip(colliders, corrections, strict=True)]
+            mechanics = mechanics_of(corrections, mechanics)
         words = [self.model if with_mechanics else "bare", *[c.name for c in colliders]]
         counted = Counted(number, " ".join(words))
         try:
@@ -137,7 +141,7 @@ class Scenes:
                 self.body,
                 colliders,
                 contact=self.law,
-                mechanics=self.mechanics if with_mechanics else None,
+                mechanics=mechanics,
                 friction=CoulombFriction(0.4) if with_friction else None,
                 gravity=self.experiment.dynamics.gravity,
                 kinematic=[KinematicHandle(frame.name) for frame in self.body.handles.frames[:1]],

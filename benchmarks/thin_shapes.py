@@ -45,7 +45,7 @@ from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, Placed
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, load_experiment
 from softprint.runtime.experiment.schema.training import ModelSpec
-from softprint.runtime.learned.correction import Correction
+from softprint.runtime.learned.correction import Correction, mechanics_of
 from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.learned.force.correction import ForceCorrection
 from softprint.runtime.learned.force.entry import options
@@ -197,16 +197,18 @@ class Bench:
                 settings=settings,
             )
         correction: Correction | None = None
+        mechanics = None if model == "bare" else self.mechanics
         if model == "mechanics":
             correction = self._untrained(shape)
         elif model != "bare":
             file = self.run / "corrections" / f"{model}.safetensors"
             correction = load_correction(file, self.body, shape, self.mechanics)
+            mechanics = mechanics_of([correction], mechanics)
         return Simulator(
             self.body,
             [PlacedCollider(shape.name, shape, path, correction)],
             contact=self.law,
-            mechanics=None if model == "bare" else self.mechanics,
+            mechanics=mechanics,
             gravity=own.gravity,
             kinematic=held,
             settings=settings,

@@ -29,12 +29,11 @@ keys = placed.keyframes
 path = softprint.KeyframedPath([key.time for key in keys], [key.position for key in keys])
 
 # %% [markdown]
-# Mechanics belong to the body, and a correction to the body with its mechanics. Both are files of the run directory. A
-# file of another body is refused.
+# A correction belongs to the body with its mechanics, which are found beside it in the run directory. A file of another
+# body is refused.
 
 # %%
-mechanics = softprint.load_mechanics(run / "mechanics_3000.safetensors", body)
-correction = softprint.load_correction(run / "corrections" / "ours.safetensors", body, shape, mechanics)
+correction = softprint.load_correction(run / "corrections" / "ours.safetensors", body, shape)
 
 # %% [markdown]
 # Everything else is the same in both simulators. Contact has to be that of the training data.
@@ -52,7 +51,7 @@ def simulator(mechanics=None, correction=None):
     )
 
 
-bare, ours = simulator(), simulator(mechanics, correction)
+bare, ours = simulator(), simulator(correction.mechanics, correction)
 
 # %%
 bare_state, our_state = bare.settle().state, ours.settle().state

@@ -16,7 +16,7 @@ from softprint.runtime.arrays import Array
 from softprint.runtime.contact import PenaltyContact
 from softprint.runtime.dynamics import DynamicsSettings, KinematicHandle, PlacedCollider, Simulator
 from softprint.runtime.experiment.schema.training import ModelSpec
-from softprint.runtime.learned.correction import Correction
+from softprint.runtime.learned.correction import Correction, mechanics_of
 from softprint.runtime.learned.correction_file import load_correction
 from softprint.runtime.learned.force.correction import ForceCorrection
 from softprint.runtime.learned.force.entry import options
@@ -93,7 +93,7 @@ def settings(mechanics: BodyMechanics, trained: Path | None) -> Iterator[Setting
 
     def learned(path: Path, scene: Scene, step: float) -> SoftprintEngine:
         correction = load_correction(path, scene.body, scene.collider, mechanics)
-        return reduced(scene, step, mechanics, correction)
+        return reduced(scene, step, mechanics_of([correction], mechanics), correction)
 
     rows: dict[str, Callable[..., SoftprintEngine]] = {
         "full space": full_space,

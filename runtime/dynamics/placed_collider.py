@@ -162,7 +162,7 @@ def _check_contact_correction(
         )
     own = correction.mechanics.compliance
     given = None if mechanics is None else mechanics.compliance
-    if own is None or given is None or not own.equals(given):
+    if own is None or given is None or not own.equals(given) or not _settle_alike(correction.mechanics, mechanics):
         raise SoftprintError(
             f"correction {correction.name!r} of collider {placed.name!r} corrects forces of the body's mechanics: give "
             "Simulator(mechanics=...) those that it was trained with, `correction.mechanics`"
@@ -179,6 +179,15 @@ def _check_contact_correction(
             f"correction {correction.name!r} was trained for contact {_points(law)}, not {_points(contact)}: give "
             f"contact={law}, or train it for this"
         )
+
+
+def _settle_alike(own: BodyMechanics, given: BodyMechanics | None) -> bool:
+    """Whether the mechanics given have what those of a correction have learned of bent joints."""
+    learned = None if own.condensation is None else own.condensation.settling
+    if learned is None:
+        return True
+    there = None if given is None or given.condensation is None else given.condensation.settling
+    return there is not None and np.array_equal(there.weights, learned.weights)
 
 
 def _points(law: PenaltyContact) -> str:

@@ -33,7 +33,7 @@ from softprint.runtime.dynamics.state import ReducedState, StepResult
 from softprint.runtime.elasticity import make_material
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment import Experiment, load_experiment
-from softprint.runtime.learned.correction import ContactCorrection, Correction
+from softprint.runtime.learned.correction import Correction, mechanics_of
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 from softprint.runtime.mesh import Mesh, box_mesh
 from softprint.runtime.scenes.experiment_body import body_of_experiment, load_body_of
@@ -203,4 +203,4 @@ def _model(
         known = ", ".join([BARE, MECHANICS, *trained_models(folder)])
         raise SoftprintError(f"there is no model {model!r}: looked for {path}; known models: {known}")
     correction = read_correction(path, body).on(indenter)
-    return (correction.mechanics if isinstance(correction, ContactCorrection) else None), correction
+    return mechanics_of([correction], None), correction

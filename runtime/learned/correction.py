@@ -12,6 +12,7 @@ An *internal* correction is of a body without contact (`runtime/elasticity/displ
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -102,3 +103,10 @@ class ContactCorrection(Protocol):
 
 
 Correction = FieldCorrection | ContactCorrection
+
+
+def mechanics_of(corrections: Iterable[Correction], otherwise: BodyMechanics | None) -> BodyMechanics | None:
+    """The mechanics of a body with these corrections: those of a contact correction, which may be without static
+    condensation, or have joints that settle; without one, those given."""
+    of_contact = (own.mechanics for own in corrections if isinstance(own, ContactCorrection))
+    return next(of_contact, otherwise)

@@ -20,7 +20,7 @@ from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.dynamics.state import ReducedState, StepResult
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import CONDENSED
-from softprint.runtime.learned.correction import ContactCorrection
+from softprint.runtime.learned.correction import mechanics_of
 from softprint.runtime.scenes.corrected_body import (
     body_below,
     condensed_mechanics,
@@ -230,9 +230,7 @@ def model_of_file(
         )
     if below != trained.header.added_to:
         corrections = [on_corrected_body(correction, own) for correction in corrections]
-    # The correction's own mechanics, which may be without static condensation.
-    of_contact = (c.mechanics for c in corrections if isinstance(c, ContactCorrection))
-    mechanics = next(of_contact, own.mechanics)
+    mechanics = mechanics_of(corrections, own.mechanics)
     return ReducedModel(scene_simulator(own.body, parts, corrections, mechanics, own.internal), parts.held)
 
 

@@ -20,7 +20,7 @@ from softprint.runtime.dynamics.placed_collider import PlacedCollider
 from softprint.runtime.dynamics.simulator import Simulator
 from softprint.runtime.errors import SoftprintError
 from softprint.runtime.experiment.experiment import CONDENSED
-from softprint.runtime.learned.correction import ContactCorrection, Correction
+from softprint.runtime.learned.correction import Correction, mechanics_of
 from softprint.runtime.rigid import FreeCollider, free_collider
 from softprint.runtime.scenes.corrected_body import CorrectedBody, body_below, on_corrected_body
 from softprint.runtime.scenes.model_name import ModelName
@@ -155,8 +155,7 @@ class Workshop:
         if model not in (BARE, CONDENSED, *internal_models(self.out)):
             below = self._below(model)
         own = self._body_below(below)
-        of_contact = (c.mechanics for c in corrections.values() if isinstance(c, ContactCorrection))
-        return own._replace(mechanics=next(of_contact, own.mechanics))
+        return own._replace(mechanics=mechanics_of(corrections.values(), own.mechanics))
 
     def _below(self, model: str) -> str:
         return ModelName.of(model).below(self._read(model).header.added_to)

@@ -28,6 +28,7 @@ from softprint.runtime.learned.force.model import ForceModel, ForceModelOptions
 from softprint.runtime.mechanics.body_mechanics import BodyMechanics, compute_mechanics
 from softprint.runtime.mechanics.compliance.null_space_compliance import NullSpaceCompliance
 from softprint.runtime.mechanics.corotation import local_gradients, mean_gradients
+from softprint.runtime.mechanics.joint_settling import Joints, JointSettling
 from softprint.runtime.mechanics.static_condensation import compute_static_condensation
 from softprint.runtime.mesh import box_mesh
 
@@ -312,6 +313,14 @@ def corrected(body, dim):
     return PlacedCollider("ball", ball, correction=ForceCorrection("untrained", model, body, ball, mechanics))
 
 
+def with_joints_that_settle(mechanics, body):
+    """The same, and what is learned of bent joints, of which this body has none."""
+    joints = Joints.of(body)
+    weights = np.ones((body.n_nodes, body.dim, 1))
+    settling = JointSettling(joints, np.zeros((1, len(joints.pairs), 2 * body.dim - 3)), weights)
+    return mechanics._replace(condensation=replace(mechanics.condensation, settling=settling))
+
+
 def poses_above(dim, *depths):
     """Of the ball over a node of the mesh, pressed so far [m] into the top of the block."""
     aside = np.full(dim - 1, 0.01)
@@ -343,6 +352,18 @@ def test_a_correction_needs_the_mechanics_and_the_stiffness_it_was_trained_with(
     ):
         Simulator(jelly_body, [ball], contact=PenaltyContact(2e9), mechanics=mechanics)
     assert pressed(jelly_body, dim, [ball], mechanics).mechanics.compliance is mechanics.compliance
+
+
+def test_a_correction_needs_joints_that_settle_as_in_its_training(jelly_body, dim):
+    ball = corrected(jelly_body, dim)
+    plain = ball.correction.mechanics
+    settled = with_joints_that_settle(plain, jelly_body)
+    own = ForceCorrection("untrained", ball.correction.model, jelly_body, ball.collider, settled)
+    learned = replace(ball, correction=own)
+    with pytest.raises(SoftprintError, match=r"those that it was trained with, `correction\.mechanics`"):
+        pressed(jelly_body, dim, [learned], plain)
+    pressed(jelly_body, dim, [learned], with_joints_that_settle(plain, jelly_body))  # equal, in arrays of its own
+    pressed(jelly_body, dim, [ball], settled)  # it knows of no joints
 
 
 def test_a_correction_is_refused_on_another_shape_of_its_name(jelly_body, dim):
