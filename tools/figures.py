@@ -116,6 +116,17 @@ def _alone(scene: str, shape: str) -> tuple[str, str]:
     )
 
 
+def _refined(points: int) -> tuple[str, ...]:
+    """The motions of `_alone` and those held out, in full space with so many points along an edge of a facet."""
+    play = f"softprint simulate {_SMALL} --set contact.refinement={points} --out runs/library_refinement_{points}"
+    alone = (
+        f"{play} --model full --scene {scene} --collider {shape}"
+        for scene, shapes in _SHAPES_ALONE.items()
+        for shape in shapes
+    )
+    return (f"{play} --model full", *alone)
+
+
 _PRESSED = "--shapes punch ball cone blunt_cone plate --places 5 --processes 2"
 _PLACES = f"{_SMALL} --set sampling.places=42 --set sampling.max_depth=0.0055 --out runs/library_42"
 _FINE_JELLY = (
@@ -388,6 +399,17 @@ FIGURES: Mapping[str, Figure] = {
             f"python -m benchmarks.reference_floor_motions {_SMALL} "
             "runs/jelly_library_small/motions/{push,press}_with_*_full.h5 "
             "runs/jelly_library_small/motions/{held_out,pointy}_full.h5",
+        ),
+        (FORCES,),
+        ("motions_of_shapes",),
+    ),
+    "contact_quadrature": Figure(
+        (
+            *_refined(4),
+            *_refined(8),
+            "python -m benchmarks.contact_quadrature runs/jelly_library_small/motions/{push,press}_with_*_full.h5 "
+            "runs/jelly_library_small/motions/{held_out,pointy}_full.h5 "
+            "--finer runs/library_refinement_4 runs/library_refinement_8",
         ),
         (FORCES,),
         ("motions_of_shapes",),
