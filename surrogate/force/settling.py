@@ -3,7 +3,8 @@
 With the angles theta_s of the joints, the kernel K_st = k(theta_s, theta_t) and what condensation lacks, e_s, ridge
 regression gives the weights alpha = (K + lambda tr(K) / n)^-1 e. The error of each state by the weights of all others
 is known without fitting them (the diagonal of the inverse), and lambda is the one with the least. What is learned is
-kept where that leaves less than nine tenths of the error of condensation.
+kept where that leaves less than nine tenths of the error of condensation. Where no joint is bent in any of the states,
+nothing is learned.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from softprint.runtime.truth.truth_file import TruthData
 
 _RIDGES = (0.03, 0.1, 0.3, 1.0, 3.0)
 _WORTH = 0.9
-# Fewer states tell nothing of others.
-_FEWEST = 3
+# Fewer states, or joints that turn less [rad], tell nothing of others.
+_FEWEST, _LEAST_TURN = 3, 0.01
 
 
 class LearnedSettling(NamedTuple):
@@ -54,8 +55,10 @@ def fitted(
     missed = np.stack([_missed(condensation, *state) for state in zip(rows, internal, strict=True)])
     n, weight = len(rows), np.sqrt(mass)[:, None]
     theta = np.stack([joints.angles(own) for own in rows])
-    size = float(np.linalg.norm(weight * internal))
+    size = float(np.linalg.norm(weight * internal)) or 1.0
     before = float(np.linalg.norm(weight * missed)) / size
+    if np.abs(theta).max() < _LEAST_TURN:
+        return LearnedSettling(None, before, before, n)
     K = kernel(theta, theta)
     found = [_by_others(K, ridge, missed.reshape(n, -1)) for ridge in _RIDGES]
     errors = [float(np.linalg.norm(weight * error.reshape(missed.shape))) / size for _, error in found]

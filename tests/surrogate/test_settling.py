@@ -73,3 +73,15 @@ def test_what_angles_do_not_tell_is_left(beam, states):
     assert found.settling is None
     assert found.learned == found.condensation
     assert "static condensation" in told(found)
+
+
+def test_joints_that_no_state_bends_teach_nothing(beam, states):
+    """All frames are held, as those of a finger that is pressed, or move as one."""
+    _, _, condensation = states
+    shift = np.outer(beam.handles.affine_part, np.full(beam.dim, 0.01))
+    rows = np.stack([beam.rest_rows + step * shift for step in range(N)])
+    missed = 1e-3 * np.random.default_rng(4).normal(size=(N, beam.n_nodes, beam.dim))
+    found = fitted(Joints.of(beam), condensation, rows, internal(condensation, rows, missed), beam.node_mass)
+    assert found.settling is None
+    still = fitted(Joints.of(beam), condensation, rows, np.zeros_like(missed), beam.node_mass)
+    assert np.isfinite(still.condensation)
