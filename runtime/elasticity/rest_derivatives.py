@@ -60,14 +60,20 @@ class RestDerivatives:
 
     def third_along(self, H: Array) -> Array:
         """D3[., ., H] (m, dim^2, dim^2) [Pa] along H (m, dim^2)."""
-        found = sum((modulus * (H @ of.third) for modulus, of in self.parts), np.zeros(()))
-        return np.asarray(found.reshape(-1, H.shape[1], H.shape[1]))
+        found = self._summed([H @ of.third for _, of in self.parts])
+        return found.reshape(-1, H.shape[1], H.shape[1])
 
     def fourth_along(self, H: Array, G: Array) -> Array:
         """D4[., ., H, G] (m, dim^2, dim^2) [Pa] along H and G (m, dim^2)."""
         both = (H[:, :, None] * G[:, None, :]).reshape(len(H), -1)
-        found = sum((modulus * (both @ of.fourth) for modulus, of in self.parts), np.zeros(()))
-        return np.asarray(found.reshape(-1, H.shape[1], H.shape[1]))
+        found = self._summed([both @ of.fourth for _, of in self.parts])
+        return found.reshape(-1, H.shape[1], H.shape[1])
+
+    def _summed(self, products: list[Array]) -> Array:
+        """Times the moduli; those of one solid are in its derivatives, see `of`."""
+        if len(products) == 1:
+            return products[0]
+        return np.asarray(sum(modulus * part for (modulus, _), part in zip(self.parts, products, strict=True)))
 
 
 @cache

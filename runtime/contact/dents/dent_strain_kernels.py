@@ -169,13 +169,21 @@ def forces_by(
     """sum_i D_ij^T y_i (m, dim, c) of y (n, s, c) on m nodes; the others as in `strains_by`."""
     n, dim, columns = len(starts) - 1, blocks.shape[2], by_strain.shape[2]
     found = np.zeros((n_forces, dim, columns))
+    D = np.empty((np.diff(starts).max() * dim, blocks.shape[1]))
     for i in range(n):
+        # One product of dense matrices for each node.
+        row, own = 0, sizes[i]
         for k in range(starts[i], starts[i + 1]):
-            pair, j = pairs[k], others[k]
+            block = blocks[pairs[k]]
+            for e in range(dim):
+                for s in range(own):
+                    D[row, s] = block[s, e]
+                row += 1
+        pulled = np.ascontiguousarray(D[:row, :own]) @ by_strain[i, :own]
+        row = 0
+        for k in range(starts[i], starts[i + 1]):
             for e in range(dim):
                 for c in range(columns):
-                    total = 0.0
-                    for s in range(sizes[i]):
-                        total += blocks[pair, s, e] * by_strain[i, s, c]
-                    found[j, e, c] += total
+                    found[others[k], e, c] += pulled[row, c]
+                row += 1
     return found
