@@ -5,9 +5,9 @@
 
 Each motion of full space is there once more in every run that is given as finer, with more points on every facet; the
 last is the reference. Error of the force on the collider over the force, RMS over the frames in which the reference is
-in contact: of full space with fewer points, and of the motions of models beside the first. Over sharp edges the few
-points of a facet may catch, which no model shows: where the last two references differ by more than --known, the motion
-is not known well enough to judge a model by, and the last line leaves it out.
+in contact: of full space with fewer points, and of the motions of models beside the first; then the share of steps of
+the reference that converge. The few points of a facet may catch on a sharp edge. A motion in which the two finest of
+full space differ by --within or more depends on how many points there are; the last line leaves it out.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.motions_alone import rms
+from benchmarks.motions_alone import line, rms
 from softprint.runtime.arrays import Array
 from softprint.runtime.cli.script import run_script
 from softprint.runtime.errors import SoftprintError
@@ -50,14 +50,14 @@ def points_of(motion: Motion) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Prints a table in Markdown, row by row, the RMS over the motions, and that over those that are known."""
+    """Prints a table in Markdown, row by row, and the RMS over all motions and over those that points do not change."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("motions", type=Path, nargs="+", metavar="FULL.h5")
     parser.add_argument("--finer", type=Path, nargs="+", required=True, metavar="RUN")
     parser.add_argument("--models", nargs="+", default=["mechanics", "ours"], metavar="NAME")
-    parser.add_argument("--known", type=float, default=0.01, help="share of the force (default: 0.01)")
+    parser.add_argument("--within", type=float, default=0.01, help="share of the force (default: 0.01)")
     options = parser.parse_args(arguments)
     rows = list[Array]()
     for path in options.motions:
@@ -69,24 +69,20 @@ def main(arguments: Sequence[str] | None = None) -> None:
             load_motion(path.with_name(f"{reference.scene}_{model}.h5")) for model in options.models
         ]
         if not rows:
-            heads = ["motion", "force, N", *map(points_of, coarser), *options.models]
+            heads = ["motion", "force, N", *map(points_of, coarser), *options.models, "converged"]
             print(line(*heads))
             print("| --- " * len(heads) + "|")
         rows.append(force_errors([*coarser, *models], reference))
         (track,) = reference.colliders.values()
         force = rms(track.force[reference.in_contact])
-        print(line(reference.scene, f"{force:.2f}", *map("{:.1%}".format, rows[-1])), flush=True)
+        cells = map("{:.1%}".format, [*rows[-1], reference.converged[1:].mean()])
+        print(line(reference.scene, f"{force:.2f}", *cells), flush=True)
     errors = np.array(rows)
-    known = errors[:, len(options.finer) - 1] < options.known
-    for of, which in (("all", np.ones(len(rows), dtype=bool)), (f"known to {options.known:.0%}", known)):
+    agree = errors[:, len(options.finer) - 1] < options.within
+    for of, which in (("all", np.ones(len(rows), dtype=bool)), (f"agree to {options.within:.0%}", agree)):
         if which.any():
             overall = np.sqrt(np.square(errors[which]).mean(axis=0))
-            print(line(f"RMS over {which.sum()} motions: {of}", "", *map("{:.1%}".format, overall)))
-
-
-def line(*cells: str) -> str:
-    """One line of a table in Markdown."""
-    return "| " + " | ".join(cells) + " |"
+            print(line(f"RMS over {which.sum()} motions: {of}", "", *map("{:.1%}".format, overall), ""))
 
 
 if __name__ == "__main__":

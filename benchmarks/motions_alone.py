@@ -27,6 +27,11 @@ def rms(vectors: Array) -> float:
     return float(np.sqrt(np.square(vectors, dtype=np.float64).sum(axis=-1).mean()))
 
 
+def line(*cells: str) -> str:
+    """One line of a table in Markdown."""
+    return "| " + " | ".join(cells) + " |"
+
+
 def origins(motion: Motion, name: str) -> Array:
     """(F, dim) [m] of one collider over the frames."""
     return np.array([pose.translation for pose in motion.colliders[name].poses])
@@ -72,10 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     ]
     heads = ["model", "mm from full space", *(f"force on {name}, N off" for name in full.colliders)]
     heads += [f"{name}, mm off" for name in free]
-    print("| " + " | ".join([*heads, "Newton", "converged"]) + " |")
+    print(line(*heads, "Newton", "converged"))
     print("| --- " * (len(heads) + 2) + "|")
     for motion in motions:
-        print("| " + " | ".join(row(motion, full, touched, free)) + " |")
+        print(line(*row(motion, full, touched, free)))
 
 
 if __name__ == "__main__":

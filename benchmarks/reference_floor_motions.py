@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.motions_alone import rms
+from benchmarks.motions_alone import line, rms
 from benchmarks.reference_floor import turned_back
 from benchmarks.thin_shapes import about_the_axis
 from softprint.fem_truth.dynamics.full_space_simulator import FullSpaceSimulator
@@ -155,11 +155,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
             )
     overall = np.sqrt(np.mean(np.square(rows), axis=0))
     print(line("RMS over motions", "", *(f"{share:.1%}, {mm:.3f}" for share, mm in overall)))
-
-
-def line(*cells: str) -> str:
-    """One line of a table in Markdown."""
-    return "| " + " | ".join(cells) + " |"
 
 
 if __name__ == "__main__":
